@@ -3,30 +3,9 @@
 from collections.abc import Mapping
 
 from rovid.cli.context import announce_compilation, console, named_axis, print_json
-from rovid.cli.options import Axes, AxisName, Json, Logs, Page
+from rovid.cli.options import Axes, AxisName, Json, Logs
 from rovid.cli.planar_session import is_planar
 from rovid.core.errors import DataError
-
-PAGE = Page(
-    text="""
-    Reads rovid.toml and every log. Prints the verdict first (go, go with care, no go), then the three most important
-    actions, the content of each log, and further remarks: runs that a fit still needs, feedback by an autopilot or a
-    pilot, clock offsets, saturated thrusters, gaps. Writes nothing.
-
-    With --axes planar it lists what each sensor measures (rate, noise, gaps, latency), which motions the logs hold, and
-    what surge, sway and yaw together still need.
-
-    Use it before a fit, best while the vehicle is still in the water. If a log cannot be used, the command checks all
-    other logs and ends with exit status 2.
-    """,
-    examples=(
-        ("All logs of a folder", "rovid check my_logs"),
-        ("Motion along surge instead of yaw", "rovid check surge_logs --axis surge"),
-        ("Surge, sway and yaw together", "rovid check my_logs --axes planar"),
-        ("One log, as JSON for a program", "rovid check my_logs/steps.mcap --json"),
-    ),
-    see=("rovid init", "rovid fit-drag", "rovid plan"),
-)
 
 
 def check(logs: Logs, *, axis: AxisName = None, axes: Axes = None, json: Json = False) -> None:

@@ -4,8 +4,10 @@ import contextlib
 import functools
 import os
 import sys
+import tomllib
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -17,32 +19,11 @@ from rovid.cli.streams import machine_error, prepare_streams
 from rovid.core import threads
 from rovid.core.errors import RovidError
 
-# The commands in the order of the help. Each has a module of its name, with its function and its manual page.
-COMMANDS = (
-    "init",
-    "check",
-    "convert",
-    "fit_drag",
-    "fit_inertia",
-    "fit",
-    "diagnose",
-    "discover",
-    "effect",
-    "compare",
-    "fit_thruster",
-    "fit_thrust_scale",
-    "simulate",
-    "plan",
-    "watch",
-    "control",
-    "export",
-    "report",
-    "open",
-    "mcp",
-    "fleet",
-    "help",
-)
-MANUAL: dict[str, Page] = {}
+# The manual pages in the order of the help. Each command has a module of its name, with the function of the command.
+MANUAL = {
+    name: Page(**page)
+    for name, page in tomllib.loads(Path(__file__).with_name("manual.toml").read_text(encoding="utf-8")).items()
+}
 
 app = typer.Typer(
     cls=ManualGroup,
@@ -109,10 +90,7 @@ def _root(
     pass
 
 
-for _name in COMMANDS:
-    _module = import_module(f"rovid.cli.{_name}")
-    _run, _page = getattr(_module, _name), _module.PAGE
-    MANUAL[_name.replace("_", "-")] = _page
+for _name, _page in MANUAL.items():
+    _run = getattr(import_module(f"rovid.cli.{_name.replace('-', '_')}"), _name.replace("-", "_"))
     # The docstring is the first line of the help.
-    _help = f"{_run.__doc__}\n{_page.text}"
-    app.command(_name.replace("_", "-"), cls=ManualCommand, help=_help, epilog=_page.epilog)(_run)
+    app.command(_name, cls=ManualCommand, help=f"{_run.__doc__}\n\n{_page.text}", epilog=_page.epilog)(_run)

@@ -17,7 +17,7 @@ from rovid.cli.context import (
     reserve_outputs,
     stored_logs,
 )
-from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, Page, ParameterFile, argument, option
+from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, ParameterFile, argument, option
 from rovid.cli.planar_session import is_planar, planar_parameters
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
@@ -25,30 +25,6 @@ from rovid.core.errors import ConfigError
 if TYPE_CHECKING:
     from rovid.compare.campaign_fit import CampaignFit
     from rovid.trial.axis import Axis
-
-PAGE = Page(
-    text="""
-    Compares two campaigns of one vehicle, for example before and after a refit. Prints which parameters changed, by
-    how much and with which probability; which causes appeared or disappeared; how well the model of each campaign
-    predicts the runs of the other; and joint estimates of what did not change. The verdict is same, changed or cannot
-    tell. If nothing changed, the smallest detectable changes are printed.
-
-    A and B are folders of logs or parameter files. Folders are diagnosed, and both campaigns are fitted with the causes
-    of either. Parameter files are compared as they are, which takes no time. Without B, the current parameter file is
-    B; if A is a folder, B is the logs that the parameter file names. Without A and B, the current parameter file is
-    compared with the last model in its history that was fitted to other logs. -o writes a page with plots of both
-    campaigns. Nothing else is written.
-
-    With --axes planar, A and B are folders or parameter files of surge, sway and yaw together.
-    """,
-    examples=(
-        ("Two parameter files", "rovid compare spring.toml autumn.toml"),
-        ("The current parameter file and its previous content", "rovid compare"),
-        ("Surge, sway and yaw together", "rovid compare planar_logs my_logs --axes planar"),
-        ("Before and after, with a page to show", "rovid compare my_logs surge_logs -o compare.html"),
-    ),
-    see=("rovid diagnose", "rovid fit", "rovid help compare"),
-)
 
 
 def compare(

@@ -12,30 +12,8 @@ from rovid.cli.context import (
     stored_logs,
     yaw_parameters,
 )
-from rovid.cli.options import EffectsFrom, ForceGuess, Json, OptionalLogs, Page, ParameterFile, add_effects, option
+from rovid.cli.options import EffectsFrom, ForceGuess, Json, OptionalLogs, ParameterFile, add_effects, option
 from rovid.cli.streams import progress
-
-PAGE = Page(
-    text="""
-    Reads the parameter file, and the logs for the sensor noise and the usual torque. Designs a model-based PD
-    controller of heading: feedforward of drag and inertia from the model, and PD feedback of heading and yaw rate.
-    Prints gains, stability margins with their spread over the parameters' uncertainty, and closed-loop simulations with
-    and without the effects in the file. --c and --python write the controller as source code.
-
-    --law gives the gains of an autopilot's own heading loop, as its parameters, judged by the same margins.
-
-    Use it to find gains or to judge your own. The damping ratio refers to the identified yaw inertia. Yaw only. A
-    parameter file that is out of date is refused. One that depends on guessed arms or thrust curves is refused without
-    --force.
-    """,
-    examples=(
-        ("Gains, margins and simulations for the identified vehicle", "rovid control"),
-        ("Judge your own gains, with a step from 0 to 45 deg", "rovid control --kp 100 --kd 710 --step 0:45"),
-        ("Gains of ArduSub, as its parameters", "rovid control --law ardusub"),
-        ("As source code", "rovid control --c heading.c --python heading.py"),
-    ),
-    see=("rovid fit", "rovid export", "rovid help control"),
-)
 
 
 def control(

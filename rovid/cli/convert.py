@@ -7,24 +7,8 @@ from typing import Annotated
 import typer
 
 from rovid.cli.context import named_axis, print_json, reserve_outputs
-from rovid.cli.options import AxisName, Force, Json, Page, argument, option
+from rovid.cli.options import AxisName, Force, Json, argument, option
 from rovid.core.errors import LINE_LENGTH, display_text
-
-PAGE = Page(
-    text="""
-    Reads one log with the rovid.toml next to it and writes the log as CSV, MCAP or Parquet, by the suffix of the
-    output. Angles, rates and times are converted to the units in the new column names. Commands keep their units.
-    Prints the lines of rovid.toml that read the new file.
-
-    Use it to open a log in other tools, or to pass on a trial in a common format.
-    """,
-    examples=(
-        ("An ArduPilot log as CSV", "rovid convert ardupilot_logs/dive.BIN -o dive.csv"),
-        ("An MCAP recording as CSV", "rovid convert my_logs/steps.mcap -o steps.csv"),
-        ("A CSV log as MCAP, for Foxglove", "rovid convert my_logs/hold_01.csv -o hold_01.mcap"),
-    ),
-    see=("rovid init", "rovid simulate --mcap", "rovid help logs"),
-)
 
 
 def convert(

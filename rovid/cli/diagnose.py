@@ -21,35 +21,12 @@ from rovid.cli.options import (
     Force,
     Json,
     OptionalLogs,
-    Page,
     ParameterFile,
     TimeBudget,
     add_effects,
 )
 from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
 from rovid.cli.streams import progress
-
-PAGE = Page(
-    text="""
-    Reads the logs, fits the plain model, and tests every effect of the catalogue on the remaining error. Prints the
-    error of the simulation; the causes by name, with parameters, evidence and alternatives; the gain in predicting runs
-    that were not fitted; the error that stays unexplained; the parameters that the data do not determine; and the next
-    run to make. Writes the final model to the parameter file.
-
-    With --axes planar, surge, sway and yaw are diagnosed together. Couplings and a current then are causes, too.
-
-    Use it after fit-drag and fit-inertia, or directly. It takes seconds, and a minute at most for each hour of logs.
-    With --budget it ends earlier or later, and says what it did not try. With four or more trials, the tests leave out
-    whole trials.
-    """,
-    examples=(
-        ("The logs named in the parameter file", "rovid diagnose"),
-        ("A folder of logs, into another parameter file", "rovid diagnose my_logs -p tank.toml"),
-        ("Surge, sway and yaw together", "rovid diagnose planar_logs --axes planar"),
-        ("Published tables", "rovid diagnose my_tables -p tables.toml"),
-    ),
-    see=("rovid fit --effect", "rovid plan", "rovid report", "rovid help confusion"),
-)
 
 
 def diagnose(

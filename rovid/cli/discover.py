@@ -4,27 +4,9 @@ from pathlib import Path
 from typing import Annotated
 
 from rovid.cli.context import compile_in_background, console, named_axis, open_logs, print_json
-from rovid.cli.options import AxisName, EffectsFrom, Force, Json, Logs, Page, TimeBudget, add_effects, option
+from rovid.cli.options import AxisName, EffectsFrom, Force, Json, Logs, TimeBudget, add_effects, option
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
-
-PAGE = Page(
-    text="""
-    Diagnoses the logs. Then searches for a formula of the logged and derived signals that predicts the torque that no
-    effect of the catalogue explains. A formula consists of products, absolute values, powers, signs, sines of angles
-    and first-order memories. A formula is printed only if it also predicts runs that were not fitted. A formula does
-    not prove a cause. Only a run that changes its signals alone can decide.
-
-    --write writes the best formula as an effect, for --effects-from. Without --write and --plot no file is written.
-
-    Use it where diagnose leaves something unexplained. It takes about twice as long as diagnose.
-    """,
-    examples=(
-        ("Formulas for a folder of logs", "rovid discover my_logs"),
-        ("The best one as an effect, and its use", "rovid discover my_logs --write my_law.py"),
-    ),
-    see=("rovid diagnose", "rovid effect", "rovid help discover"),
-)
 
 
 def discover(

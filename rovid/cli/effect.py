@@ -5,26 +5,10 @@ from typing import Annotated
 
 from rovid.cli import completion
 from rovid.cli.context import compile_in_background, console, named_axis, open_logs, print_json
-from rovid.cli.options import AxisName, Force, Json, Page, argument
+from rovid.cli.options import AxisName, Force, Json, argument
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError, suggestion
 
-PAGE = Page(
-    text="""
-    new NAME writes NAME.py, an effect of your own with comments, and test_NAME.py, which simulates logs with the
-    effect and requires that rovid finds it. Without --force it replaces no file.
-
-    try FILE LOGS fits the effect of a file to logs, alone and next to the causes that the diagnosis selects, and shows
-    its log-likelihood gain next to the gains of the catalogue's effects. It writes no file.
-
-    Use it if you know an effect that the catalogue lacks. --effects-from FILE then adds the effect to other commands.
-    """,
-    examples=(
-        ("Write an effect and its test", "rovid effect new my_effect"),
-        ("Fit the effect, next to those of the catalogue", "rovid effect try my_effect.py my_logs"),
-    ),
-    see=("rovid discover", "rovid fit --effects-from", "rovid help own_effects"),
-)
 _ACTIONS = ("new", "try")
 
 

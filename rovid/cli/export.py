@@ -6,32 +6,10 @@ from typing import Annotated
 
 from rovid.cli import completion
 from rovid.cli.context import console, open_logs, print_json, require_usable, reserve_outputs, yaw_parameters
-from rovid.cli.options import Axes, EffectsFrom, ForceGuess, Json, Page, ParameterFile, add_effects, argument, option
+from rovid.cli.options import Axes, EffectsFrom, ForceGuess, Json, ParameterFile, add_effects, argument, option
 from rovid.cli.planar_session import is_planar, planar_parameters
 from rovid.cli.streams import progress
 from rovid.export import FORMATS
-
-PAGE = Page(
-    text="""
-    Reads the parameter file and writes the model in a simulator's own format. Then rovid simulates the written numbers
-    with that simulator's equation, signs and time step, and prints the largest difference from its own model, in
-    percent of the range of the yaw rate. Effects that the format cannot hold are listed with their size. Yaw only, or
-    surge, sway and yaw together with --axes planar.
-
-    rovid also says whether the exported model comes to rest at the simulator's time step from every speed in the logs,
-    and the largest stable step.
-
-    Thrusters and the largest rate come from the logs named in the parameter file, if they exist. A parameter file that
-    is out of date is refused. One that depends on guessed arms or thrust curves is refused without --force.
-    """,
-    examples=(
-        ("For Gazebo", "rovid export gz-sim -o model.sdf"),
-        ("For uuv_simulator, as YAML", "rovid export uuv -o uuv.yaml"),
-        ("Surge, sway and yaw, for Gazebo", "rovid export gz-sim --axes planar -o model.sdf"),
-        ("As JSON, from another parameter file", "rovid export json -p tables.toml -o tables.json"),
-    ),
-    see=("rovid fit", "rovid control", "rovid help export"),
-)
 
 
 def export(

@@ -17,34 +17,12 @@ from rovid.cli.options import (
     Force,
     Json,
     OptionalLogs,
-    Page,
     ParameterFile,
     add_effects,
     option,
 )
 from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
 from rovid.cli.streams import progress
-
-PAGE = Page(
-    text="""
-    Reads any logs and fits inertia, drag, disturbance and noise together, by maximum likelihood of the Kalman filter's
-    innovations. Writes all parameters with their covariance to the parameter file. --effect adds a physical effect to
-    the model and fits its parameters with the rest. Effects in the parameter file that are not given are removed.
-
-    With --axes planar, surge, sway and yaw are fitted together in a current, with all measured speeds and positions;
-    the parameters go to parameters_planar.toml. Combinations that the logs do not determine are named.
-
-    Use it for the most precise parameters, and always if an autopilot was active, because feedback biases the simpler
-    methods. Use diagnose to find out which effect is missing.
-    """,
-    examples=(
-        ("The logs named in the parameter file", "rovid fit"),
-        ("With one form of an effect, and one more", "rovid fit --effect thruster_lag:rotor --effect bias_torque"),
-        ("Surge, sway and yaw together", "rovid fit planar_logs --axes planar"),
-        ("A dive with an active autopilot", "rovid fit rov_logs/dive.csv -p dive.toml"),
-    ),
-    see=("rovid diagnose", "rovid simulate", "rovid help effects"),
-)
 
 
 def fit(

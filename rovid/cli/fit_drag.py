@@ -2,25 +2,7 @@
 
 from rovid.cli.context import fit_and_store, open_session
 from rovid.cli.fit_inertia import estimate_inertia
-from rovid.cli.options import AxisName, Cutoff, Force, Json, Logs, Page, ParameterFile
-
-PAGE = Page(
-    text="""
-    Reads logs with constant commands, or a table of steady turns with the columns command, yaw_rate_rad_s and
-    torque_Nm. Fits T = DQ |r| r + DL r and writes quadratic_drag (N m s^2/rad^2) and linear_drag (N m s/rad) with
-    standard errors to the parameter file. The parameter file also stores the names of the logs: later commands need no
-    LOGS.
-
-    Use it as the first fit. It needs at least four levels, in both directions, each held for five time constants plus a
-    minute. Roll and pitch have no steady turns; there the command fits inertia and drag together.
-    """,
-    examples=(
-        ("Drag in yaw, into parameters.toml", "rovid fit-drag my_logs"),
-        ("From a table of steady turns, into another file", "rovid fit-drag my_tables/steady_turns.csv -p tables.toml"),
-        ("Drag in surge, into parameters_surge.toml", "rovid fit-drag surge_logs --axis surge"),
-    ),
-    see=("rovid check", "rovid fit-inertia", "rovid fit"),
-)
+from rovid.cli.options import AxisName, Cutoff, Force, Json, Logs, ParameterFile
 
 
 def fit_drag(

@@ -6,36 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from rovid.cli.context import console, existing_parameters, print_json
-from rovid.cli.options import Json, Page, argument, option
+from rovid.cli.options import Json, argument, option
 from rovid.core.errors import ConfigError, suggestion
 
 if TYPE_CHECKING:
     from rovid.estimate.thrust_curve import ThrustScale
     from rovid.trial.vehicle import Vehicle
-
-PAGE = Page(
-    text="""
-    Estimates the common scale of all thrust: the true thrust over that of the curves in rovid.toml. Heading data alone
-    never determine the scale, and inertia, drag and every torque are proportional to it. One of three tests does:
-
-    A bollard pull. TESTS is a CSV file with one row for each reading. The columns are the commands, with their names in
-    rovid.toml or the names of the thrusters, and force_N (by a spring balance) or torque_Nm.
-
-    A lift or hover. The same columns, with weight_N, the known weight in water that the thrust holds, for force_N.
-
-    A step of inertia. --before and --after are parameter files of fits without and with an added body. --added is the
-    inertia of the body, with its added mass.
-
-    Each reading is the mean over a steady interval. The command prints the two lines for [vehicle] in rovid.toml. Enter
-    them there. Every later fit, diagnosis and report then uses the scaled curves, and all standard errors include that
-    of the scale. The command writes no file.
-    """,
-    examples=(
-        ("Pulls of a balance that is right within 1 %", "rovid fit-thrust-scale pulls.csv --reference-error 1"),
-        ("A step of 120 kg m^2", "rovid fit-thrust-scale --before bare.toml --after loaded.toml --added 120"),
-    ),
-    see=("rovid fit-thruster", "rovid fit", "rovid help fit"),
-)
 
 
 def fit_thrust_scale(

@@ -5,23 +5,8 @@ from typing import Annotated
 
 from rovid.cli import completion
 from rovid.cli.context import console, print_json
-from rovid.cli.options import Force, Json, Page, argument, option
+from rovid.cli.options import Force, Json, argument, option
 from rovid.core.errors import ConfigError, suggestion
-
-PAGE = Page(
-    text="""
-    Reads a CSV file of bench measurements: a column of commands and a column of thrusts, found by their names, or the
-    first two columns if there is no header. Fits a monotonic curve with its dead zone and writes it with the columns
-    command,thrust_N, ready for rovid.toml. The command keeps its unit.
-
-    Use it if the bench gave scattered measurements instead of a curve.
-    """,
-    examples=(
-        ("Measurements without a header, in newtons", "rovid fit-thruster bench.csv --unit N"),
-        ("A manufacturer's table, into a named file", "rovid fit-thruster t200_bench.csv -o t200.csv"),
-    ),
-    see=("rovid init", "rovid check"),
-)
 
 
 def fit_thruster(

@@ -7,29 +7,8 @@ import typer
 
 from rovid.cli import completion
 from rovid.cli.context import console, named_axis, print_json
-from rovid.cli.options import Cutoff, Force, Json, Page, argument, option
+from rovid.cli.options import Cutoff, Force, Json, argument, option
 from rovid.cli.streams import progress
-
-PAGE = Page(
-    text="""
-    Diagnoses many campaigns on all cores, each in a process of its own. A folder with a rovid.toml is a campaign. Any
-    other folder is searched for campaigns. Writes into the output folder: fleet.parquet with one row a campaign;
-    index.html with findings over time, the history of each parameter, changes of causes and outliers; and
-    campaigns/NAME.json with each diagnosis. A campaign that cannot be diagnosed has its error in its row.
-
-    A second start continues an interrupted run. A campaign is diagnosed again only if its logs, its rovid.toml or the
-    version of rovid changed. Requires the extra: pip install 'rovid[fleet]'.
-    """,
-    examples=(
-        ("Every campaign below a folder", "rovid fleet my_campaigns -o fleet"),
-        ("Two seasons, with hierarchical means over vehicles of one type", "rovid fleet 2025 2026 -o fleet --shrink"),
-        (
-            "On a Dask cluster with access to the same folders",
-            "rovid fleet my_campaigns -o fleet --cluster tcp://host:8786",
-        ),
-    ),
-    see=("rovid diagnose", "rovid report", "rovid help fleet"),
-)
 
 
 def fleet(

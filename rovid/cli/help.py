@@ -6,23 +6,7 @@ import typer
 
 from rovid.cli import completion
 from rovid.cli.context import console, print_json
-from rovid.cli.options import Json, Page, argument
-
-PAGE = Page(
-    text="""
-    Prints a page of the documentation: how to do a task, the content of a file, or a physical effect and how to
-    distinguish it from others. For a command it prints the manual page and the page on its task, if there is one.
-    Without TOPIC it lists all pages. Reads and writes none of your files.
-
-    Use it without a network connection: the pages are installed with rovid.
-    """,
-    examples=(
-        ("List of the pages", "rovid help"),
-        ("An effect: its equation, similar effects, typical sizes", "rovid help thruster_lag"),
-        ("Formats of logs", "rovid help logs"),
-    ),
-    see=("rovid COMMAND --help",),
-)
+from rovid.cli.options import Json, argument
 
 
 def help(  # noqa: A001 - the command's own name

@@ -6,35 +6,8 @@ import typer
 
 from rovid.cli import completion
 from rovid.cli.context import console, named_axis, print_json
-from rovid.cli.options import Axes, AxisName, Json, Logs, Page, option
+from rovid.cli.options import Axes, AxisName, Json, Logs, option
 from rovid.cli.planar_session import is_planar
-
-PAGE = Page(
-    text="""
-    Reads the logs and guesses which column or topic is the heading, which columns are thruster commands, and their
-    units and signs. Writes rovid.toml next to the logs, with the reason for each guess as a comment, and also
-    thrust_guess.csv if there is no thrust curve. Lever arms and a guessed thrust curve are marked as guessed there.
-    Results that depend on them are marked as guesses until you delete the marks.
-
-    If the logs contain an autopilot's parameters (ArduPilot, PX4), these show which outputs are thrusters. For a known
-    type of vehicle, recognised there or given by --vehicle, rovid fills in published arms, mass and thrust curve.
-
-    With --axes planar it also writes the velocities and positions that it finds, and the share of each thrust along
-    surge and sway with the sign that the logs show. Otherwise these lines are comments.
-
-    Use it first on a new folder of logs. Then read rovid.toml, enter measured values, and delete the marks.
-    """,
-    examples=(
-        ("A first my_logs/rovid.toml", "rovid init my_logs"),
-        (
-            "With the type of vehicle and the commands given",
-            "rovid init my_logs --vehicle tunnel-rov --command fore_V,aft_V --force",
-        ),
-        ("For surge, sway and yaw together", "rovid init my_logs --axes planar --force"),
-        ("From one log only, replacing the existing file", "rovid init my_logs/hold_01.csv --force"),
-    ),
-    see=("rovid check", "rovid help logs (formats)", "rovid help files (rovid.toml)"),
-)
 
 
 def init(

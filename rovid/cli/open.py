@@ -10,31 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rovid.cli.context import print_json
-from rovid.cli.options import Json, Page, TimeBudget, argument, option
+from rovid.cli.options import Json, TimeBudget, argument, option
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rovid.app.auth import TokenGuard
     from rovid.app.sandbox import RootFolder, SessionFolder
-
-PAGE = Page(
-    text="""
-    Opens a page in the browser, served on this machine only. On the page you choose a folder of logs or drop logs, see
-    every column, choose the columns of heading and thruster commands, place the thrusters on a sketch of the vehicle,
-    leave out time intervals, see the result of rovid check, save rovid.toml, and run fit, diagnosis and report.
-
-    Writes the files of these commands and no others: rovid.toml and a first thrust curve next to the logs, a folder for
-    dropped logs, the parameter file and the report. A rovid.toml that the page did not write is not replaced. The page
-    reads only files in the folder where the command was started, or in the folder of LOGS. Ctrl-C ends it.
-
-    Use it instead of rovid init if the guesses need a close look. It shows the equivalent commands.
-    """,
-    examples=(
-        ("With a folder of logs", "rovid open my_logs"),
-        ("Print only the address, for another browser", "rovid open my_logs --no-browser"),
-    ),
-    see=("rovid init", "rovid check", "rovid report", "rovid help open"),
-)
 
 
 def open(  # noqa: A001 - the command's name

@@ -32,12 +32,12 @@ A first session, with your own folder of logs:
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """The manual page of a command. Its first line is the docstring of the command's function."""
+    """The manual page of a command in manual.toml. Its first line is the docstring of the command's function."""
 
     text: str  # Paragraphs on input, output and use
     # Pairs of a purpose and a command line; ``tests/cli/test_help_format.py`` runs them
-    examples: tuple[tuple[str, str], ...]
-    see: tuple[str, ...]  # Related commands and pages
+    examples: list[tuple[str, str]]
+    see: list[str]  # Related commands and pages
 
     @property
     def epilog(self) -> str:

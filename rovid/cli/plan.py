@@ -12,18 +12,7 @@ import typer
 
 from rovid.cli import completion
 from rovid.cli.context import console, open_logs, parameters_at, print_json, reserve_outputs, stored_logs
-from rovid.cli.options import (
-    Axes,
-    AxisName,
-    EffectsFrom,
-    Force,
-    Json,
-    OptionalLogs,
-    Page,
-    ParameterFile,
-    add_effects,
-    option,
-)
+from rovid.cli.options import Axes, AxisName, EffectsFrom, Force, Json, OptionalLogs, ParameterFile, add_effects, option
 from rovid.cli.planar_session import is_planar, planar_logs, planar_parameters_at
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
@@ -32,24 +21,6 @@ if TYPE_CHECKING:
     from rovid.effects import Effect
     from rovid.estimate.candidate_runs import RunLimits
     from rovid.store.parameter_file import Parameters
-
-PAGE = Page(
-    text="""
-    Reads the parameter file and the logs, fits them, and ranks runs that a crew can carry out by the expected
-    information per minute. Writes the best run as a command file (time_s and a column for each thruster; each row holds
-    until the next) and a plot of the predictions of each cause. Does not write the parameter file.
-
-    Use --between if diagnose left two causes open. Otherwise the run narrows the interval of a parameter. With --axes
-    planar, the runs move surge, sway and yaw together, and the standard errors after the best run are predicted.
-    """,
-    examples=(
-        ("A run that distinguishes a lag from a delay", "rovid plan --between thruster_lag --between command_delay"),
-        ("The run that surge, sway and yaw together lack most", "rovid plan --axes planar"),
-        ("Optimised for one parameter, at most 2 turns", "rovid plan --narrow linear_drag --design --turns 2"),
-        ("Pairs of causes that the standard runs separate", "rovid plan --matrix"),
-    ),
-    see=("rovid diagnose", "rovid check", "rovid help plan"),
-)
 
 
 def plan(

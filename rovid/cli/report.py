@@ -23,7 +23,6 @@ from rovid.cli.options import (
     Force,
     Json,
     OptionalLogs,
-    Page,
     ParameterFile,
     TimeBudget,
     add_effects,
@@ -32,30 +31,6 @@ from rovid.cli.options import (
 from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
-
-PAGE = Page(
-    text="""
-    Reads the logs, fits and diagnoses them, and writes the final model to the parameter file, as rovid diagnose does.
-    Writes a folder with a self-contained index.html and the plots as PNG and SVG. The first screen, and the first
-    printed page, shows the error, its causes, the improvement and the next run. In the viewer below it each cause can
-    be switched on and off. All results, trials, controller and exports are those of the final model, next to the model
-    without the causes. Prints the page's first sentence and its path.
-
-    With --axes planar, the page has the tracks over the measured positions, the three speeds with and without the
-    causes, and the measures of turning circles and zigzags.
-
-    Use it last, or directly on a new folder of logs. The diagnosis takes most of the time. With --no-diagnosis the
-    parameters of the file are used if they are up to date, and missing ones are fitted.
-    """,
-    examples=(
-        ("The logs named in the parameter file, into report/", "rovid report"),
-        ("Another folder, also as PDF for the trial record", "rovid report my_logs -p tank.toml -o tank_report --pdf"),
-        ("Surge, sway and yaw together, into report_planar/", "rovid report planar_logs --axes planar"),
-        ("Quickly: only fits and simulation", "rovid report --no-diagnosis --no-control --no-export"),
-    ),
-    see=("rovid diagnose", "rovid control", "rovid export"),
-)
-
 
 _JOURNAL_WIDTHS = ("84mm", "174mm")
 

@@ -22,7 +22,6 @@ from rovid.cli.options import (
     Force,
     Json,
     OptionalLogs,
-    Page,
     ParameterFile,
     add_effects,
     option,
@@ -30,27 +29,6 @@ from rovid.cli.options import (
 from rovid.cli.planar_session import is_planar, planar_logs, planar_parameters
 from rovid.cli.streams import progress
 from rovid.core.errors import DataError
-
-PAGE = Page(
-    text="""
-    Reads the parameter file and the logs. Simulates each run freely from its first sample, with only the logged
-    commands as input, and prints R^2, fit % and root mean square error of the rate, and the error of the heading after
-    10 s and 60 s. --mcap writes measurement, simulation and residual as recordings.
-
-    With --axes planar, the error of each measured speed and of the track are printed as well.
-
-    A parameter file that is out of date, because rovid.toml, a thrust curve or a log changed, is refused.
-
-    Use it to judge a model. Give LOGS that the fit did not use for an independent test.
-    """,
-    examples=(
-        ("The logs named in the parameter file", "rovid simulate"),
-        ("One log, with a recording", "rovid simulate my_logs/steps.mcap --mcap simulated.mcap"),
-        ("Surge, sway and yaw together", "rovid simulate --axes planar"),
-        ("With recordings of all runs, in a folder", "rovid simulate --mcap simulated"),
-    ),
-    see=("rovid diagnose", "rovid report", "rovid help logs"),
-)
 
 
 def simulate(

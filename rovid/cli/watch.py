@@ -21,7 +21,7 @@ from rovid.cli.context import (
     reserve_outputs,
     store_estimate,
 )
-from rovid.cli.options import AxisName, Cutoff, Force, Page, ParameterFile, TimeBudget, argument, option
+from rovid.cli.options import AxisName, Cutoff, Force, ParameterFile, TimeBudget, argument, option
 from rovid.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
@@ -32,26 +32,6 @@ if TYPE_CHECKING:
     from rovid.present.documents.fits import Document
     from rovid.store.study import Study
     from rovid.store.watch_session import Event, StopCriterion
-
-PAGE = Page(
-    text="""
-    Monitors FOLDER during a trial day. After each complete new log it prints what the log added, the suspected and
-    established causes, the next run to make, and with --until whether enough is known. Writes the next run as a command
-    file and the model to the parameter file, again after each log. Ctrl-C ends it with a summary.
-
-    A log is read when it has not changed for some seconds and its end is found. A truncated log is read after a longer
-    time. Folder and rovid.toml may be missing at the start. Logs may be renamed, replaced or deleted.
-    """,
-    examples=(
-        ("During a trial day", "rovid watch my_logs"),
-        (
-            "Until inertia and drag are known well enough",
-            'rovid watch my_logs --until "inertia 2 %, quadratic_drag 5 %"',
-        ),
-        ("The logs that are there now, as JSON lines for a program", "rovid watch my_logs --once --json"),
-    ),
-    see=("rovid diagnose", "rovid plan", "rovid check", "rovid help watch"),
-)
 
 
 def watch(
