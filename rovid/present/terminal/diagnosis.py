@@ -12,6 +12,7 @@ from rovid.core.formatting import labelled_text, plus_minus
 from rovid.diagnose.effect_trial import EffectTrial
 from rovid.diagnose.formulas.discovery import Discovery, units_of
 from rovid.diagnose.result import (
+    Conclusion,
     Diagnosis,
     Finding,
     ModelAssessment,
@@ -54,6 +55,7 @@ from rovid.present.tables.fits import estimate_table
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis
+from rovid.trial.fault import Fault
 from rovid.trial.vehicle import Vehicle
 
 _ALTERNATIVES_SHOWN = 3
@@ -65,18 +67,27 @@ _SMALL_SHARE = 0.01
 def show_study_diagnosis(console: Console, diagnosis: Diagnosis, study: Study) -> None:
     """Print a diagnosis with the guesses, faults and remarks of the ``study``."""
     show_caution(console, study.vehicle.assumptions)
-    # The verdict on bad logs repeats the faults that stop.
-    told = diagnosis.verdict == "bad_logs"
-    show_faults(console, [fault for fault in all_faults(diagnosis, study) if not (told and fault.stops)])
+    show_other_faults(console, diagnosis, all_faults(diagnosis, study))
     show_diagnosis(console, diagnosis, study.vehicle)
     show_warnings(console, [*study.remarks(), *diagnosis.warnings])
+
+
+def show_other_faults(console: Console, diagnosis: Conclusion, faults: Sequence[Fault]) -> None:
+    """Print the faults without those that stop, which the verdict on bad logs repeats."""
+    told = diagnosis.verdict == "bad_logs"
+    show_faults(console, [fault for fault in faults if not (told and fault.stops)])
+
+
+def show_verdict(console: Console, diagnosis: Conclusion, guess: Assumptions) -> None:
+    """Print the verdict, coloured."""
+    style = VERDICT_STYLES[_KINDS.get(diagnosis.verdict, "warn")]
+    print_labelled(console, verdict_sentence(diagnosis, guess), style=style)
 
 
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
     """Print the verdict, the causes with their evidence, the improvement, and the next run."""
     axis, guess = vehicle.axis, vehicle.assumptions
-    style = VERDICT_STYLES[_KINDS.get(diagnosis.verdict, "warn")]
-    print_labelled(console, verdict_sentence(diagnosis, guess), style=style)
+    show_verdict(console, diagnosis, guess)
     if diagnosis.extended is not None:
         print_text(console, f"{PLAIN_MODEL} {EXTENDED_MODEL}" if diagnosis.extended.model.effects else PLAIN_MODEL)
     if diagnosis.missing:

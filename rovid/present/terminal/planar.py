@@ -17,18 +17,11 @@ from rovid.preflight.planar_check import PlanarCheck
 from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import format_number, unit_symbol
-from rovid.present.sentences import (
-    effect_title,
-    evidence_definitions,
-    improvement_words,
-    join_words,
-    next_step,
-    verdict_sentence,
-)
+from rovid.present.sentences import effect_title, evidence_definitions, improvement_words, join_words, next_step
 from rovid.present.tables.planar import planar_estimate_table, planar_simulation_table, sensor_words
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.present.terminal.check import VERDICTS, merged_problems
-from rovid.present.terminal.diagnosis import show_finding
+from rovid.present.terminal.diagnosis import show_finding, show_other_faults, show_verdict
 from rovid.present.terminal.results import show_plan, show_stability
 from rovid.store.planar_study import PlanarStudy
 from rovid.trial.assumptions import Assumptions
@@ -167,8 +160,8 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: P
     """Print the verdict, the causes with their evidence, the improvement, and the next run."""
     guess = study.vehicle.assumptions
     show_caution(console, guess)
-    show_faults(console, study.logs.faults)
-    print_labelled(console, verdict_sentence(diagnosis, guess))
+    show_other_faults(console, diagnosis, study.logs.faults)
+    show_verdict(console, diagnosis, guess)
     if diagnosis.missing:
         print_text(console, diagnosis.missing)
     for finding in diagnosis.causes:
@@ -188,7 +181,8 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: P
     if diagnosis.unexplained_shares:
         shares = [f"{axis} {100.0 * share:.2g} %" for axis, share in diagnosis.unexplained_shares.items()]
         print_text(console, f"left unexplained, in percent of the variance of all forces: {', '.join(shares)}")
-    print_text(console, f"cannot be found from these data: {UNIDENTIFIABLE['thrust_scale']}")
+    if diagnosis.verdict != "bad_logs":
+        print_text(console, f"cannot be found from these data: {UNIDENTIFIABLE['thrust_scale']}")
     print_labelled(console, "Next:", str(next_step(diagnosis, next_planar_experiment(diagnosis))))
     show_warnings(console, [*study.remarks(), *diagnosis.warnings])
 
