@@ -176,12 +176,13 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
     others = [at for at in range(len(after)) if at != worst]
     chosen = [worst, *others][: plots.TRACKS_SHOWN]
     two = report.base is not report.full
-    models = "dashed: base model; black: with the causes" if two else "black: simulated"
+    models = "dashed: plain model; black: extended model" if two else "black: simulated"
+    measured = "pale: measured; " if {"north", "east"} <= set(report.study.data.sensors) else ""
     if not is_yaw_alone(report.study.data):
         yield FigureDraft(
             "planar_tracks",
             plots.plot_tracks([before[at] for at in chosen], [after[at] for at in chosen]),
-            caption=f"Tracks, simulated freely from the first sample. Pale: measured; {models}. Dots: equal times.",
+            caption=f"Tracks, simulated freely from the first sample; {measured}{models}; dots: equal times.",
             alt=f"North against east of {len(chosen)} runs.",
         )
     for number, at in enumerate(chosen, 1):

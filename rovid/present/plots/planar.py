@@ -48,8 +48,8 @@ def _plot_track(panel: Axes, base: PlanarTrialSimulation, full: PlanarTrialSimul
         across = np.interp(north.time, east.time, east.values)
         panel.plot(across, north.values, color=PALE, linewidth=3.6, label="measured")
     if base is not full:
-        panel.plot(base.motion.east, base.motion.north, "--", color=ORANGE, linewidth=1.1, label="base model")
-    name = "simulated" if base is full else "with causes"
+        panel.plot(base.motion.east, base.motion.north, "--", color=ORANGE, linewidth=1.1, label="plain model")
+    name = "simulated" if base is full else "extended model"
     panel.plot(full.motion.east, full.motion.north, color=BLACK, linewidth=1.1, label=name)
     panel.plot(full.motion.east[0], full.motion.north[0], "o", color=BLACK, markersize=4)
     marks = np.linspace(0.0, full.motion.time[-1], _MARKS)[1:]
@@ -74,8 +74,8 @@ def plot_speeds(base: PlanarTrialSimulation, full: PlanarTrialSimulation) -> Fig
             panel.plot(*decimate_min_max(measured.time, measured.values), color=PALE, linewidth=3.6, label="measured")
         if base is not full:
             simulated = _speed(base, speed)
-            panel.plot(*decimate_min_max(*simulated), "--", color=ORANGE, linewidth=1.1, label="base model")
-        name = "simulated" if base is full else "with causes"
+            panel.plot(*decimate_min_max(*simulated), "--", color=ORANGE, linewidth=1.1, label="plain model")
+        name = "simulated" if base is full else "extended model"
         panel.plot(*decimate_min_max(*_speed(full, speed)), color=BLACK, linewidth=1.1, label=name)
         panel.set_ylabel(f"{title},\n{SENSOR_UNITS[speed]}")
         panel.locator_params(axis="y", nbins=5)
@@ -109,8 +109,8 @@ def plot_missing_forces(
     for (panel,), (axis, force) in zip(panels, after.items(), strict=True):
         if before is not after:
             base = decimate_min_max(time, before[axis])
-            panel.plot(*base, "--", color=ORANGE, linewidth=1.1, label="missing in the base model")
-        label = "missing" if before is after else "missing with causes"
+            panel.plot(*base, "--", color=ORANGE, linewidth=1.1, label="missing in the plain model")
+        label = "missing" if before is after else "missing in the extended model"
         panel.plot(*decimate_min_max(time, force), color=BLUE, linewidth=1.1, label=label)
         panel.axhline(0.0, color=BLACK, linewidth=0.6)
         panel.set_ylabel(f"{axis},\n{_FORCE_UNITS[axis]}")
