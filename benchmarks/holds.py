@@ -21,8 +21,8 @@ from rovid.core.errors import DataError
 from rovid.estimate.steady_drag import NAMES, fit_drag
 from rovid.estimate.steady_points import steady_points
 from rovid.readers import read_campaign
-from rovid.signals.preprocessing import prepare
 from rovid.trial.config import find_config, load_config
+from rovid.trial.preprocessing import prepare
 
 HOLDS, MEMORIES = (2, 3, 4, 5, 6, 8, 12, 20), (0.1, 0.3, 1.0, 3.0, 10.0)
 

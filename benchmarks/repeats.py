@@ -21,8 +21,8 @@ from rovid.core.stats import chi2_sf
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.readers import read_campaign
-from rovid.signals.preprocessing import prepare
 from rovid.trial.config import find_config, load_config
+from rovid.trial.preprocessing import prepare
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 

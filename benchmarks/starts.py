@@ -29,7 +29,7 @@ from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.estimate.nested_fits import fit_with_effects
 from rovid.estimate.output_error import fit_output_error
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Run, prepare_trials
+from rovid.trial.preprocessing import Run, prepare_trials
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 

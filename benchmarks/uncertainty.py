@@ -23,8 +23,8 @@ from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.estimate.steady_drag import fit_drag
 from rovid.estimate.steady_points import steady_points
 from rovid.readers import read_campaign
-from rovid.signals.preprocessing import prepare
 from rovid.trial.config import find_config, load_config
+from rovid.trial.preprocessing import prepare
 from tools.cases import Case, all_cases, truth_of
 from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES, Truth

@@ -24,8 +24,8 @@ from rovid.effects import Effect, effect_named
 from rovid.estimate.dataset import time_constant
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Run
 from rovid.store.study import Study, open_study
+from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
 LEAST_RUNS = 3  # runs in a folder

@@ -13,7 +13,7 @@ from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 from tests import synthetic
 
 TIME = synthetic.clock(1500.0, rate=5.0)

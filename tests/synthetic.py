@@ -11,8 +11,8 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Run
-from rovid.signals.rates import compute_rates
+from rovid.trial.preprocessing import Run
+from rovid.trial.rates import compute_rates
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 

@@ -18,7 +18,6 @@ HOUSE = [
     "core",
     "jit",
     "trial",
-    "signals",
     "faults",
     "readers",
     "effects",

@@ -20,13 +20,13 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names, effect_ids
-from rovid.signals.preprocessing import Run, shared_channels
 from rovid.store.load import history_output, read_history, read_parameters
 from rovid.store.parameter_file import Parameters, Source
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import PLANAR, Axis
 from rovid.trial.config_fingerprint import ConfigFingerprint
+from rovid.trial.preprocessing import Run, shared_channels
 from rovid.trial.vehicle import Vehicle
 
 # Probability from which both models include a suspected cause, because its absence would bias one of them.

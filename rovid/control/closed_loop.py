@@ -18,7 +18,7 @@ from rovid.jit.simd import LANES
 from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
 from rovid.model.torque_input import Intervals, TorqueInput
-from rovid.signals.numba_loops import first_order_sum
+from rovid.trial.numba_loops import first_order_sum
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 

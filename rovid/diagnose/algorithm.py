@@ -51,7 +51,7 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import drop_inconsistent, drop_likely, first_rejection, report_remainder, search_warnings
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.output_error import fit_output_error
-from rovid.signals.preprocessing import PreparedRuns
+from rovid.trial.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
 
 

@@ -21,8 +21,8 @@ from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS as HORIZON_SECONDS
 from rovid.model.simulation import fit_measures, simulate_runs
-from rovid.signals.preprocessing import PreparedRuns, Run, prepare_trials
-from rovid.signals.rates import highest_cutoff
+from rovid.trial.preprocessing import PreparedRuns, Run, prepare_trials
+from rovid.trial.rates import highest_cutoff
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 

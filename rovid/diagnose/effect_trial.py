@@ -16,7 +16,7 @@ from rovid.effects import Effect
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.output_error import fit_output_error
-from rovid.signals.preprocessing import PreparedRuns
+from rovid.trial.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
 
 

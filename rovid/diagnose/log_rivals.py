@@ -32,10 +32,10 @@ from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.further_terms import trials_in_form
 from rovid.faults.base import named
 from rovid.faults.foreign_log import minority_payload
-from rovid.signals.preprocessing import PreparedRuns, Run, prepare, shift_commands
-from rovid.signals.rates import highest_cutoff
 from rovid.trial.axis import YAW
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import PreparedRuns, Run, prepare, shift_commands
+from rovid.trial.rates import highest_cutoff
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 

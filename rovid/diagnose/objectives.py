@@ -38,7 +38,7 @@ from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.estimate.objective import UNLIMITED, ModelKey, NegativeLogLikelihood
 from rovid.estimate.parametrization import DISTURBANCE
 from rovid.model.model import Model
-from rovid.signals.preprocessing import PreparedRuns, Run, shared_channels
+from rovid.trial.preprocessing import PreparedRuns, Run, shared_channels
 from rovid.trial.vehicle import Vehicle
 
 # BIC gain in nats of an effect whose posterior probability alone reaches `THRESHOLDS.established`.

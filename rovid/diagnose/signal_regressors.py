@@ -9,7 +9,7 @@ from rovid.core.array_types import FloatArray
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.actuator_inputs import ActuatorInputs
 from rovid.effects.base import OnTorque, Values
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 from rovid.trial.trial import Trial
 
 _PREFIX = "signal "

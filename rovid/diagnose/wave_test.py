@@ -19,7 +19,7 @@ from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.objective import UNLIMITED, NegativeLogLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 
 # Time constants in sampling intervals of a filter that an INS may have. Largest number of readings in the test for such
 # a filter, which takes whole runs: the test stays fast.

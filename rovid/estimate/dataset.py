@@ -22,8 +22,8 @@ from rovid.model.model import Model
 from rovid.model.ode import with_past
 from rovid.model.simulation import fit_measures, simulated_rate
 from rovid.model.torque_input import MAX_SUBDIVISION, Intervals, TorqueInput
-from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
+from rovid.trial.preprocessing import Run
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 

@@ -17,7 +17,7 @@ from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.objective import UNLIMITED
 from rovid.model.model import Model
-from rovid.signals.preprocessing import prepare
+from rovid.trial.preprocessing import prepare
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 

@@ -15,7 +15,7 @@ from rovid.estimate.unknown_past import UnknownPasts
 from rovid.model.filter_batch import FilterData
 from rovid.model.model import Model
 from rovid.model.ode import driven_initial_rate, initial_rate, with_moved_past
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 
 # Standard deviation of the initial rate of a trial, as a share of the RMS rate.
 _RATE_ERROR = 0.2

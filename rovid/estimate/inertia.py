@@ -23,8 +23,8 @@ from rovid.estimate.oscillation_tests import (
 )
 from rovid.estimate.output_error import Regression, fit_regression
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Run
 from rovid.trial.axis import YAW, Axis
+from rovid.trial.preprocessing import Run
 from rovid.trial.tables import SINE_COLUMNS, CsvTable
 from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO
 

@@ -9,9 +9,9 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus
 from rovid.effects.actuator_dynamics import delayed, lagged
-from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis, is_per_second, name_words, word_set
 from rovid.trial.config import Config
+from rovid.trial.preprocessing import Run
 
 # Words in the name of an order, and of a rate.
 _ORDER_WORDS = word_set(

@@ -21,7 +21,7 @@ from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error, re
 from rovid.estimate.unknown_past import water_warning
 from rovid.model.model import Model
 from rovid.model.parameter_names import unit_of
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
 # Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance takes up whatever the

@@ -32,7 +32,7 @@ from rovid.estimate.restart_grid import (
     held_rows,
 )
 from rovid.model.model import Model
-from rovid.signals.rates import resample
+from rovid.trial.rates import resample
 
 # Length of a block in time constants, and the least number of blocks.
 _BLOCK, _BLOCKS = 8.0, 12

@@ -14,9 +14,9 @@ from rovid.core.array_types import ComplexArray, FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.estimate.estimate import Estimate
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Run
-from rovid.signals.segments import SineRun, find_sines
 from rovid.trial.axis import Axis
+from rovid.trial.preprocessing import Run
+from rovid.trial.segments import SineRun, find_sines
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 

@@ -23,8 +23,8 @@ from rovid.model.model import Model
 from rovid.model.parameter_names import base_names
 from rovid.model.simulation import simulated_rate
 from rovid.model.torque_input import TorqueInput
-from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
+from rovid.trial.preprocessing import Run
 
 # Slice of the drags among the unknowns: inertia, quadratic and linear drag, and those of the restoring torque.
 _DRAGS = slice(1, 3)

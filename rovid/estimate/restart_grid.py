@@ -9,8 +9,8 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.effects.actuator_inputs import interpolate_gaps
-from rovid.signals.preprocessing import Run
-from rovid.signals.rates import resample
+from rovid.trial.preprocessing import Run
+from rovid.trial.rates import resample
 
 # Prediction horizons in time constants of the vehicle.
 HORIZONS = (0.5, 1.0, 2.0, 4.0, 8.0)

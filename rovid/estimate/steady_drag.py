@@ -16,8 +16,8 @@ from rovid.estimate.estimate import Estimate, r_squared
 from rovid.estimate.lasting_disturbance import lasting_covariance
 from rovid.estimate.steady_points import SteadyPoint, TorqueBalance, WlsSolution, pooled_errors
 from rovid.model.parameter_names import base_names
-from rovid.signals.segments import MIN_HOLD
 from rovid.trial.axis import YAW, Axis
+from rovid.trial.segments import MIN_HOLD
 
 NAMES = ("quadratic_drag", "linear_drag")
 # Share of the largest torque below which a hold counts as at rest, and its rate as drift.

@@ -10,9 +10,9 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import restoring_effect
 from rovid.effects.restoring_curve import regressors
-from rovid.signals.preprocessing import Run
-from rovid.signals.segments import Hold, find_holds
 from rovid.trial.axis import Axis
+from rovid.trial.preprocessing import Run
+from rovid.trial.segments import Hold, find_holds
 from rovid.trial.tables import STEADY_COLUMNS, CsvTable
 from rovid.trial.vehicle import Vehicle
 

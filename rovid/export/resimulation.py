@@ -12,7 +12,7 @@ from rovid.export.body_equation import BodyEquation
 from rovid.export.interface import PERIOD, ExportInput
 from rovid.export.thruster_curves import COMMAND_LAG, NO_LAG, THRUST_LAG, ThrusterCurve, ThrusterLag
 from rovid.model.model import Model
-from rovid.signals.numba_loops import first_order_sum
+from rovid.trial.numba_loops import first_order_sum
 from rovid.trial.trial import Trial
 
 # Sections of the verification: length in settling times, and share of the largest command at a share x of the length.

@@ -15,9 +15,9 @@ from typing import Any, Generic, Literal, Self, TypeVar
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.signals.preprocessing import Run
-from rovid.signals.segments import subsampled_median
 from rovid.trial.fault import Excerpt, Fault, FaultOverrides
+from rovid.trial.preprocessing import Run
+from rovid.trial.segments import subsampled_median
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster, Vehicle
 

@@ -7,8 +7,8 @@ from functools import cache
 from importlib import import_module
 
 from rovid.faults.base import FaultKind, RunsData, Stage, examine
-from rovid.signals.preprocessing import Run
 from rovid.trial.fault import FAULT_IDS, Fault, FaultOverrides
+from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.faults.base import ClockData, ClockStep, Detection, FaultKind
-from rovid.signals.segments import find_leap
 from rovid.trial.fault import Fault
+from rovid.trial.segments import find_leap
 
 # Steps of one log at most, and readings from one to the next at least; more steps are no clock.
 _MOST_STEPS, _LEAST_APART = 20, 10

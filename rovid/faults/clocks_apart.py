@@ -20,8 +20,8 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, FaultKind, RunsData, named
 from rovid.faults.quick_model import log_name
-from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import Run
 
 # Step and range of the shifts in periods of the cut-off, range as a share of the longest run, at least and at most;
 # maximum number of samples in the regressions. The longer range counts: clocks are set apart whatever the vehicle.

@@ -17,7 +17,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.quick_model import LogRegressors, fit_quick_model, solved
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
 # Logs that are compared: with two, either may be the damaged one.

@@ -19,8 +19,8 @@ from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, FaultKind, RunsData, named
 from rovid.faults.command_roles import Misfit, misassigned
 from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
-from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
 # Logs that are compared: fewer have no majority.

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from rovid.faults.base import Detection, FaultKind, SignalData
-from rovid.signals.segments import gap_limit
 from rovid.trial.fault import Fault
+from rovid.trial.segments import gap_limit
 
 
 def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:

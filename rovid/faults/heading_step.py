@@ -15,8 +15,8 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.faults.base import Detection, FaultKind, TrialData
-from rovid.signals.segments import subsampled_median
 from rovid.trial.fault import Fault
+from rovid.trial.segments import subsampled_median
 from rovid.trial.trial import Trial
 
 # Steps on each side that a step is compared with; a jump hides other jumps as near.

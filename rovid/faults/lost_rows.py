@@ -15,8 +15,8 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.base import ClockData, Detection, FaultKind, Intervals
-from rovid.signals.segments import subsampled_median
 from rovid.trial.fault import Fault
+from rovid.trial.segments import subsampled_median
 
 # Holes, and share of lost rows, up to which a loss is usual: sensors and recorders lose single rows, and seldom several
 # in succession. With 3 % at most one change of a command in thirty is off by an interval. A log is named where it loses

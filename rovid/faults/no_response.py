@@ -25,8 +25,8 @@ from rovid.core.array_types import FloatArray
 from rovid.faults.base import Detection, FaultKind, RunsData
 from rovid.faults.foreign_log import without
 from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, held_torque, log_name
-from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import Run
 
 # Share of the other logs' median torque (through the time constant) that a log needs to count.
 _FULL = 0.3

@@ -14,8 +14,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from rovid.core.array_types import ComplexArray, FloatArray
-from rovid.signals.preprocessing import Run
-from rovid.signals.rates import fast_fft_length
+from rovid.trial.preprocessing import Run
+from rovid.trial.rates import fast_fft_length
 from rovid.trial.vehicle import Thruster, Vehicle
 
 # Valid samples that a log needs.

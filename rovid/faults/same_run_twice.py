@@ -22,11 +22,11 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CampaignData, Detection, FaultKind, RunsData
 from rovid.faults.quick_model import QuickModel, fit_quick_model
-from rovid.signals.preprocessing import Run
-from rovid.signals.rates import fast_fft_length
-from rovid.signals.segments import gap_limit
 from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import Run
+from rovid.trial.rates import fast_fft_length
+from rovid.trial.segments import gap_limit
 from rovid.trial.trial import Trial
 
 # Readings that an overlap needs, and as many changes of the slope: fewer agree by chance in a coarse signal at rest.

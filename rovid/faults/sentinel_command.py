@@ -15,8 +15,8 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.base import CommandData, Detection, FaultKind
-from rovid.signals.segments import subsampled_median
 from rovid.trial.fault import Fault
+from rovid.trial.segments import subsampled_median
 from rovid.trial.vehicle import FAR_OUTSIDE, ThrustCurve
 
 # Values that autopilots and bridges write for "no pulse": zero, minus one, the ends of 16-bit integers.

@@ -23,11 +23,11 @@ from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.faults.base import Detection, FaultKind, RunsData, TrialData
 from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, log_name
-from rovid.signals.preprocessing import Run, prepare_trials
-from rovid.signals.rates import highest_cutoff
-from rovid.signals.segments import find_releases
 from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import Run, prepare_trials
+from rovid.trial.rates import highest_cutoff
+from rovid.trial.segments import find_releases
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CommandData, Detection, FaultKind
-from rovid.signals.segments import subsampled_median
 from rovid.trial.fault import Fault
+from rovid.trial.segments import subsampled_median
 
 _MIN_COMMANDS = 10
 # A silence is longer than this many usual intervals, and than this many times the longest of the other intervals but

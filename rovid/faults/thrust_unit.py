@@ -16,8 +16,8 @@ import numpy as np
 from rovid.faults.base import Detection, FaultKind, RunsData
 from rovid.faults.quick_model import fit_quick_model
 from rovid.faults.unit_mismatch import mismatch_text, unit_of
-from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
 # Factors by which the inertia is too small, and what has them. A mean of two thrusters, or half an arm, is the last.

@@ -12,8 +12,8 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.base import ClockData, Detection, FaultKind
-from rovid.signals.segments import find_leap
 from rovid.trial.fault import Fault
+from rovid.trial.segments import find_leap
 
 # Readings in a row that can be wild between good ones; more of them are a step of the clock.
 _MOST_IN_A_ROW = 3

@@ -18,7 +18,7 @@ from rovid.effects.actuator_inputs import interpolate_gaps, neutral_commands
 from rovid.effects.base import TERM_STATES, Body
 from rovid.model.bound_effects import Equation, PackedTerms
 from rovid.model.torque_input import TorqueInput
-from rovid.signals.rates import resample, uniform_grid, white_noise
+from rovid.trial.rates import resample, uniform_grid, white_noise
 from rovid.trial.trial import Past, Trial
 from rovid.trial.vehicle import Vehicle
 

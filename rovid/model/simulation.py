@@ -9,8 +9,8 @@ from rovid.core.array_types import FloatArray
 from rovid.model.model import Model
 from rovid.model.ode import evaluate_along, integrate
 from rovid.model.torque_input import TorqueInput
-from rovid.signals.preprocessing import Run
-from rovid.signals.rates import resample
+from rovid.trial.preprocessing import Run
+from rovid.trial.rates import resample
 from rovid.trial.vehicle import Vehicle
 
 # s; horizons of the position errors.

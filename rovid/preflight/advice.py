@@ -17,10 +17,10 @@ from rovid.faults.thrust_unit import inertia_fault
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.command_effects import ThrusterCheck, all_reversed
 from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback
-from rovid.signals.preprocessing import Run, prepare
-from rovid.signals.segments import Hold, SineRun, find_holds, find_sines
 from rovid.trial.axis import Axis
 from rovid.trial.fault import FaultOverrides
+from rovid.trial.preprocessing import Run, prepare
+from rovid.trial.segments import Hold, SineRun, find_holds, find_sines
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 

@@ -20,12 +20,12 @@ from rovid.preflight.command_effects import ThrusterCheck, all_reversed, check_t
 from rovid.preflight.feedback_detection import Feedback, detect_feedback
 from rovid.readers import find_logs, read_trials
 from rovid.readers.campaign import examine_campaign
-from rovid.signals.preprocessing import Run, prepare
-from rovid.signals.rates import choose_cutoff, white_noise
-from rovid.signals.segments import find_holds, find_sines
 from rovid.store.study import Study
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault, stopping
+from rovid.trial.preprocessing import Run, prepare
+from rovid.trial.rates import choose_cutoff, white_noise
+from rovid.trial.segments import find_holds, find_sines
 from rovid.trial.trial import Campaign, Remark, Trial
 from rovid.trial.vehicle import Vehicle
 

@@ -30,9 +30,9 @@ from rovid.faults.clocks_apart import coarse_delays
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockAlignment, ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.formats import all_channels, relative_name
-from rovid.signals.preprocessing import Run, prepare, shift_commands
-from rovid.signals.rates import choose_cutoff
 from rovid.trial.config import Config
+from rovid.trial.preprocessing import Run, prepare, shift_commands
+from rovid.trial.rates import choose_cutoff
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 

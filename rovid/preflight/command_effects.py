@@ -9,8 +9,8 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.preflight.raw_columns import MIN_SAMPLES, RawColumn, SignalGuess, held_mean, mean_rates, position_at
-from rovid.signals.segments import subsampled_median
 from rovid.trial.axis import Axis
+from rovid.trial.segments import subsampled_median
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 

@@ -15,9 +15,9 @@ from rovid.planar.dataset import PlanarData, PlanarRun, SmoothRun, measured_axes
 from rovid.preflight.advice import Advice
 from rovid.preflight.check import read_each_log, verdict_of
 from rovid.readers.campaign import examine_campaign
-from rovid.signals.segments import gap_limit
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault, stopping
+from rovid.trial.segments import gap_limit
 from rovid.trial.trial import Campaign, Remark, Trial
 
 # s; largest latency that is searched for, number of latencies to each side, and length of a window.

@@ -14,7 +14,7 @@ from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation
 from rovid.present.residuals import ResidualTorque, unexplained_torques
 from rovid.readers.convert import OutputTopic, mcap_bytes, name_with_unit
-from rovid.signals.preprocessing import PreparedRuns
+from rovid.trial.preprocessing import PreparedRuns
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 

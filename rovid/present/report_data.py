@@ -19,11 +19,11 @@ from rovid.estimate.steady_drag import DragFit
 from rovid.export.run_export import VerifiedExport
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS, TrialSimulation, pooled_fit, simulate_runs
-from rovid.signals.preprocessing import PreparedRuns
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import Study
 from rovid.trial.axis import Axis
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import PreparedRuns
 from rovid.trial.trial import Campaign
 from rovid.trial.vehicle import Vehicle
 

@@ -10,9 +10,9 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects import Effect
 from rovid.model.model import Model
 from rovid.model.ode import evaluate_along
-from rovid.signals.preprocessing import PreparedRuns, Run, prepare, shared_channels
-from rovid.signals.rates import fast_fft_length, finite_segments, power_spectral_density, resample
 from rovid.trial.axis import YAW, Axis
+from rovid.trial.preprocessing import PreparedRuns, Run, prepare, shared_channels
+from rovid.trial.rates import fast_fft_length, finite_segments, power_spectral_density, resample
 from rovid.trial.trial import Campaign
 from rovid.trial.vehicle import Vehicle
 

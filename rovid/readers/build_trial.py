@@ -37,10 +37,10 @@ from rovid.readers.raw_log import ANGLES, Channel, RawLog
 from rovid.readers.time_base import TimeBase, TimedSeries, cumulative, integral, local_position, planar_readings
 from rovid.readers.timestamps import make_monotonic, timed_rows, without_rounding
 from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
-from rovid.signals.segments import merged_intervals, subsampled_median
 from rovid.trial.axis import YAW
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault
+from rovid.trial.segments import merged_intervals, subsampled_median
 from rovid.trial.trial import Remark, Trial
 from rovid.trial.vehicle import Steering
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.signals.segments import gap_limit, subsampled_median
+from rovid.trial.segments import gap_limit, subsampled_median
 from rovid.trial.trial import Remark
 
 TURN = 2.0 * np.pi

@@ -10,8 +10,8 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.readers.cleaning import DISTANCE, SPEED_KIND, TURNING, Kind, clean
 from rovid.readers.timestamps import is_plausible
-from rovid.signals.segments import gap_limit
 from rovid.trial.axis import EARTH_RADIUS
+from rovid.trial.segments import gap_limit
 from rovid.trial.trial import Readings, Remark
 
 

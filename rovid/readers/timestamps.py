@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import LogError
-from rovid.signals.segments import find_leap, subsampled_median
 from rovid.trial.axis import CLOCK_WORDS, NOT_CLOCK, name_words
+from rovid.trial.segments import find_leap, subsampled_median
 from rovid.trial.trial import Remark
 
 if TYPE_CHECKING:  # pandas takes long to import.

@@ -25,7 +25,7 @@ from rovid.effects import Effect, effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.output_error import fit_output_error
-from rovid.signals.preprocessing import PreparedRuns
+from rovid.trial.preprocessing import PreparedRuns
 from tests import synthetic
 from tests.conftest import slow
 from tests.core.test_budget import Clock

@@ -27,8 +27,8 @@ from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Run
-from rovid.signals.rates import compute_rates
+from rovid.trial.preprocessing import Run
+from rovid.trial.rates import compute_rates
 from tests import synthetic
 from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased, weakened
 

@@ -22,7 +22,7 @@ from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects import bias_torque, command_delay, effect_named, supply_sag
 from rovid.effects.clock_offset import CLOCKS_APART, mean_shifted
 from rovid.estimate.estimate import Estimate
-from rovid.signals.preprocessing import PreparedRuns, shift_commands
+from rovid.trial.preprocessing import PreparedRuns, shift_commands
 from rovid.trial.trial import Trial
 from tests.diagnose.findings import finding
 from tests.faults.days import VEHICLES, day, scaled

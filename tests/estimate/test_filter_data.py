@@ -17,7 +17,7 @@ from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fisher_information import NormalEquations
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
 

@@ -14,9 +14,9 @@ from rovid.core.errors import DataError
 from rovid.estimate.inner_loop import find_inner_loop
 from rovid.preflight.check import check_logs
 from rovid.readers import read_campaign
-from rovid.signals.preprocessing import prepare
 from rovid.store.study import Study, open_study
 from rovid.trial.config import load_config
+from rovid.trial.preprocessing import prepare
 
 PERIOD = 0.05  # s, between rows.
 PARTS = 25  # Steps of the simulation in a row.

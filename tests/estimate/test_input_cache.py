@@ -11,7 +11,7 @@ from rovid.effects import Effect, effect_named
 from rovid.estimate.dataset import InputCache
 from rovid.model.actuator_model import CommandSeries
 from rovid.model.torque_input import MAX_SUBDIVISION
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 from tests import synthetic
 from tests.effects.test_effects import EVERY
 from tests.model.test_actuator_model import model_with

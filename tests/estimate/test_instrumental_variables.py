@@ -11,7 +11,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.estimate.output_error import fit_output_error, fit_regression
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 from tests.synthetic import ROSUB, clock, gauss_markov, run
 
 SMALL = Model(inertia=0.6, quadratic_drag=1.5, linear_drag=1.0)

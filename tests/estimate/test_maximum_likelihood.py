@@ -23,9 +23,9 @@ from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, fit_likelihood, misspecification_covariance
 from rovid.estimate.output_error import fit_output_error
 from rovid.model.kernels import simulate
-from rovid.signals.preprocessing import Run
-from rovid.signals.rates import compute_rates
 from rovid.store.study import open_study
+from rovid.trial.preprocessing import Run
+from rovid.trial.rates import compute_rates
 from tests import synthetic
 from tests.conftest import SAMPLES, Rovid, slow
 from tests.predictions import NOISE, TIME, TORQUE, fitted_ahead

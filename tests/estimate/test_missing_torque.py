@@ -14,8 +14,8 @@ from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.missing_torque import include_missing_torque, missing_torque_covariance
-from rovid.signals.preprocessing import Run
-from rovid.signals.rates import compute_rates
+from rovid.trial.preprocessing import Run
+from rovid.trial.rates import compute_rates
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
 

@@ -14,7 +14,7 @@ from rovid.estimate.fit_result import fit
 from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood, prediction_errors
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
-from rovid.signals.rates import compute_rates
+from rovid.trial.rates import compute_rates
 from tests import synthetic
 from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased, records
 

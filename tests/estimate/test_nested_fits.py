@@ -25,7 +25,7 @@ from rovid.estimate.nested_fits import (
     with_exchanged_time_constants,
 )
 from rovid.model.model import Model
-from rovid.signals.preprocessing import prepare_trials
+from rovid.trial.preprocessing import prepare_trials
 from tests.conftest import slow
 
 LAG = effect_named("thruster_lag")

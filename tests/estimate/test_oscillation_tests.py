@@ -26,10 +26,10 @@ from rovid.estimate.oscillation_tests import (
     sine_trials,
 )
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Run, prepare
-from rovid.signals.rates import compute_rates
-from rovid.signals.segments import find_releases
 from rovid.trial.axis import AXES
+from rovid.trial.preprocessing import Run, prepare
+from rovid.trial.rates import compute_rates
+from rovid.trial.segments import find_releases
 from rovid.trial.tables import read_table
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle

@@ -20,7 +20,7 @@ from rovid.estimate.unknown_past import water_warning
 from rovid.model.ode import with_moved_past
 from rovid.model.reference import ExtendedKalmanFilter
 from rovid.model.reference import Noise as FilterNoise
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 from tests import synthetic
 
 LAG, DELAY, SWIRL = map(effect_named, ("thruster_lag", "command_delay", "entrained_swirl"))

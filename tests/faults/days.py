@@ -8,7 +8,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Run
+from rovid.trial.preprocessing import Run
 from tests.synthetic import clock, gauss_markov, run
 
 SMALL = Model(inertia=0.6, quadratic_drag=1.5, linear_drag=0.3)

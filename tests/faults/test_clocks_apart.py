@@ -11,8 +11,8 @@ import pytest
 
 from rovid.faults.base import RunsData, examine
 from rovid.faults.clocks_apart import FAULT, response_delay
-from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault, FaultOverrides
+from rovid.trial.preprocessing import Run
 from tests import synthetic
 from tests.faults.days import VEHICLES, day
 from tests.synthetic import LOGGED

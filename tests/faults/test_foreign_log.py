@@ -12,8 +12,8 @@ from rovid.core.array_types import FloatArray
 from rovid.faults.base import RunsData, examine
 from rovid.faults.foreign_log import FAULT, minority_payload
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault, FaultOverrides
+from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Thruster, Vehicle
 from tests.faults.days import SMALL, VEHICLES, day, scaled
 from tests.synthetic import LOGGED, VOLTS, clock, gauss_markov, run

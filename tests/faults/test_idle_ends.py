@@ -9,8 +9,8 @@ import pytest
 
 from rovid.faults.base import RunsData, examine
 from rovid.faults.idle_ends import FAULT
-from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault, FaultOverrides
+from rovid.trial.preprocessing import Run
 from tests.faults.days import VEHICLES, day
 from tests.faults.test_several_releases import constants, pushes
 from tests.synthetic import LOGGED, clock, gauss_markov, run

@@ -12,10 +12,10 @@ from rovid.core.array_types import FloatArray
 from rovid.faults.base import RunsData, examine
 from rovid.faults.same_run_twice import FURTHER
 from rovid.readers import read_campaign
-from rovid.signals.preprocessing import Run
-from rovid.signals.rates import compute_rates
 from rovid.trial.config import Config
 from rovid.trial.fault import FaultOverrides
+from rovid.trial.preprocessing import Run
+from rovid.trial.rates import compute_rates
 from tests.faults.days import VEHICLES, day
 from tests.readers.logs import csv_text, mcap_bytes, stamped, to_ns, turning
 from tests.readers.test_formats import log, names

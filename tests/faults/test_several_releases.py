@@ -10,8 +10,8 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import RunsData, examine
 from rovid.faults.several_releases import FURTHER
-from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault, FaultOverrides
+from rovid.trial.preprocessing import Run
 from tests.faults.days import VEHICLES, day
 from tests.synthetic import LOGGED, clock, gauss_markov, run
 

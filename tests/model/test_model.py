@@ -18,8 +18,8 @@ from rovid.model.model import HeadingSensor, Model
 from rovid.model.parameter_names import base_names, effect_ids, unit_of, without_form
 from rovid.model.simulation import simulate_runs
 from rovid.model.torque_input import TorqueInput
-from rovid.signals.rates import compute_rates
 from rovid.trial.axis import AXES, YAW
+from rovid.trial.rates import compute_rates
 from tests import synthetic
 from tests.synthetic import clock
 

@@ -15,8 +15,8 @@ from rovid.model.kernels import simulate
 from rovid.model.model import Model
 from rovid.model.simulation import fit_measures, pooled_fit, simulate_runs
 from rovid.model.torque_input import TorqueInput
-from rovid.signals.preprocessing import Run
-from rovid.signals.rates import compute_rates
+from rovid.trial.preprocessing import Run
+from rovid.trial.rates import compute_rates
 from tests.synthetic import LOGGED, ROSUB, clock, run, trial
 
 

@@ -21,7 +21,7 @@ from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import planar_sizes, start_values
-from rovid.signals.preprocessing import prepare_trials
+from rovid.trial.preprocessing import prepare_trials
 from tests.conftest import slow
 from tests.planar.vehicles import Truth, box_rov, campaign, torpedo, usv
 

@@ -19,9 +19,9 @@ from rovid.model.simulation import TrialSimulation, fit_measures, simulate_runs
 from rovid.present.page import build, render
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.report_data import NestedSimulation, ReportData
-from rovid.signals.preprocessing import prepare
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.study import Study, open_study
+from rovid.trial.preprocessing import prepare
 from rovid.trial.trial import Campaign, Remark, Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.conftest import blank_plots

@@ -27,7 +27,7 @@ from rovid.present.residuals import (
     unexplained_torques,
     white_band,
 )
-from rovid.signals.preprocessing import PreparedRuns, prepare
+from rovid.trial.preprocessing import PreparedRuns, prepare
 from rovid.trial.trial import Campaign
 from tests.present.conftest import INERTIA, LINEAR, PERIOD, QUADRATIC
 

@@ -23,9 +23,9 @@ from rovid.readers.raw_log import (
     wrong_format,
 )
 from rovid.readers.timestamps import guess_clock, is_plausible, time_unit, without_rounding
-from rovid.signals.segments import subsampled_median
 from rovid.trial.axis import Signal
 from rovid.trial.config import Config
+from rovid.trial.segments import subsampled_median
 from rovid.trial.trial import Remark, Trial
 from tests.readers.channels import HEADING, HEADINGS, TIME, trial_of
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml, turning

@@ -32,7 +32,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.output_error import fit_output_error
 from rovid.model.model import Model
-from rovid.signals.preprocessing import PreparedRuns
+from rovid.trial.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
 
 # Formulas in a result, and single products that are fitted next to one model.

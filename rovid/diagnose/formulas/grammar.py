@@ -22,7 +22,7 @@ from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
 from rovid.effects.base import OnTorque, Values
 from rovid.estimate.fit_result import FitResult
 from rovid.jit.decorators import compiled
-from rovid.signals.preprocessing import Run, shared_channels
+from rovid.trial.preprocessing import Run, shared_channels
 
 # Name of the signal -> its code in a compiled term.
 STATES = {

@@ -19,7 +19,7 @@ from rovid.effects.base import Body
 from rovid.jit.cache_dirs import can_cache
 from rovid.jit.decorators import is_cached
 from rovid.jit.simd import LANES
-from rovid.signals.numba_loops import first_order_sum
+from rovid.trial.numba_loops import first_order_sum
 
 
 class BackgroundCompiler:

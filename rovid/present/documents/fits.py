@@ -15,11 +15,11 @@ from rovid.estimate.steady_points import SteadyPoint
 from rovid.estimate.thrust_curve import ThrustCurveFit, ThrustScale
 from rovid.model.parameter_names import effect_ids
 from rovid.model.simulation import HORIZONS
-from rovid.signals.preprocessing import PreparedRuns
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.fault import Fault, fault_texts
+from rovid.trial.preprocessing import PreparedRuns
 
 Document = dict[str, Any]
 

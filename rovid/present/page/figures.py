@@ -22,8 +22,8 @@ from rovid.present.residuals import missing_without, rms_sizes, unexplained_torq
 from rovid.present.sentences import effect_title
 from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN
 from rovid.present.tables.fits import method_title
-from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import PreparedRuns
 
 # Most large trial plots and plots of faults: a page with more opens slowly on a tablet. The page lists all of them.
 LARGE_PLOTS, FAULT_PLOTS = 40, 8

@@ -18,9 +18,9 @@ from rovid.model.simulation import HORIZONS, TrialSimulation
 from rovid.present.plots.canvas import min_max_indices
 from rovid.present.report_data import ReportData, effects_of, simulation_errors, worst_first
 from rovid.present.sentences import effect_title
-from rovid.signals.rates import resample
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis
+from rovid.trial.rates import resample
 
 # Numbers of all trials together. In text each takes 5.4 bytes, which leaves more than half of 8 MB to the pictures.
 VALUES = 600_000

@@ -19,8 +19,8 @@ from rovid.model.model import Model
 from rovid.present.number_format import arm_words, shorten_name, steady_state_words, unit_symbol
 from rovid.present.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, panel_grid, report_style
 from rovid.present.tables.fits import method_interval, method_title
-from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
+from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
 SINES_PER_SHEET = 6

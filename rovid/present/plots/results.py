@@ -33,9 +33,9 @@ from rovid.present.plots.canvas import (
 from rovid.present.residuals import unexplained_torques
 from rovid.present.sentences import effect_title
 from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN, alternative_status
-from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.axis import Axis
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
 
 # Characters of a cause's name beside its bar.

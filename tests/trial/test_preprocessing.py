@@ -10,7 +10,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, DataError
-from rovid.signals.preprocessing import prepare, shared_channels
+from rovid.trial.preprocessing import prepare, shared_channels
 from rovid.trial.trial import Campaign, Trial
 from tests import synthetic
 

@@ -106,7 +106,7 @@ class SineRun:
 def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray, cutoff: float) -> list[Hold]:
     """Segments of at least `MIN_HOLD` periods of the ``cutoff`` (Hz) in which no command moves beyond its tolerance."""
     # Imported here because commands that find no holds must not load compiled code.
-    from rovid.signals.numba_loops import find_constant_runs
+    from rovid.trial.numba_loops import find_constant_runs
 
     ranges = np.array([thruster.command_range() for thruster in vehicle.thrusters])
     logged = _HELD_TORQUE_SHARE / _HELD_SHARE * float(np.max(np.abs(torque), initial=0.0))

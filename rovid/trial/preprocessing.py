@@ -8,9 +8,9 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import ConfigError, DataError
-from rovid.signals.rates import Rates, choose_cutoff, compute_rates, highest_cutoff
-from rovid.signals.segments import find_releases
 from rovid.trial.axis import Axis
+from rovid.trial.rates import Rates, choose_cutoff, compute_rates, highest_cutoff
+from rovid.trial.segments import find_releases
 from rovid.trial.trial import Campaign, Remark, Trial
 from rovid.trial.vehicle import Vehicle
 

@@ -7,7 +7,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.signals.rates import (
+from rovid.trial.rates import (
     ZeroPhaseFilter,
     _convolve,
     cell_averages,

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from rovid.core.array_types import FloatArray
-from rovid.signals.numba_loops import find_constant_runs, first_order_sum
-from rovid.signals.segments import MIN_HOLD, Hold, SineRun, find_holds, find_sines
+from rovid.trial.numba_loops import find_constant_runs, first_order_sum
+from rovid.trial.segments import MIN_HOLD, Hold, SineRun, find_holds, find_sines
 from tests.synthetic import LOGGED, VEHICLE, clock, trial
 
 
