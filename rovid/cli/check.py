@@ -36,9 +36,11 @@ def _check_planar(logs: Logs, *, json: bool) -> None:
     from rovid.present.console import show_caution
     from rovid.present.documents.planar import planar_check_document
     from rovid.present.terminal.planar import show_planar_check
+    from rovid.store.planar_prior import planar_prior
     from rovid.trial.config import find_config, load_planar_config
 
     config = load_planar_config(find_config(logs))
+    planar_prior(config)  # A wrong prior is refused before the fit.
     checked = check_planar(logs, config)
     if json:
         print_json(planar_check_document(checked, config.vehicle))

@@ -162,11 +162,11 @@ class PlanarOptimum:
             return full
         plain = covariance = inverse_information(information)
         if scores:
-            by_prior = np.zeros_like(plain)
+            by_prior: FloatArray | float = 0.0
             if (prior := self.likelihood.grid.prior) is not None:
                 # The first group is the prior, with a known scatter.
-                scores = [one[1:] for one in scores]
-                by_prior = plain @ prior.information(self.coordinates, self.x)[np.ix_(free, free)] @ plain
+                scores, own = [one[1:] for one in scores], prior.jacobian(self.coordinates, self.x)[:, free] @ plain
+                by_prior = own.T @ own
             covariance = sandwich_covariance(plain, scores[0]) + by_prior
             if len(scores[1]) >= _MIN_RUNS:
                 by_run = np.diag(sandwich_covariance(plain, scores[1]) + by_prior)

@@ -9,7 +9,7 @@ densities. Held-out gains do not contain it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -51,11 +51,6 @@ class PlanarPrior:
 
     values: Mapping[str, PriorValue]
 
-    def index(self, coordinates: PlanarCoordinates) -> IntArray:
-        """(k,) place of each parameter among `PlanarCoordinates.values`, and among the coordinates."""
-        names = coordinates.base_names
-        return np.array([names.index(name) for name in self.values], dtype=np.intp)
-
     @cached_property
     def is_logarithm(self) -> BoolArray:
         """(k,) whether the prior is one of a logarithm."""
@@ -65,6 +60,15 @@ class PlanarPrior:
     def _centre(self) -> FloatArray:
         return np.array([one.value for one in self.values.values()])
 
+    @cached_property
+    def width(self) -> FloatArray:
+        """(k,) standard errors in the units of `scaled`."""
+        return np.array([one.standard_error for one in self.values.values()]) * self.slopes(self._centre)
+
+    def index(self, names: Sequence[str]) -> IntArray:
+        """(k,) place of each parameter among the ``names`` of a model."""
+        return np.array([names.index(name) for name in self.values], dtype=np.intp)
+
     def scaled(self, values: FloatArray) -> FloatArray:
         """(k,) logarithms of inertias, and the other ``values`` as they are."""
         return np.where(self.is_logarithm, np.log(np.where(self.is_logarithm, values, 1.0)), values)
@@ -73,31 +77,25 @@ class PlanarPrior:
         """(k,) derivatives of `scaled`."""
         return 1.0 / np.where(self.is_logarithm, values, 1.0)
 
-    @cached_property
-    def width(self) -> FloatArray:
-        """(k,) standard errors in the units of `scaled`."""
-        return np.array([one.standard_error for one in self.values.values()]) * self.slopes(self._centre)
-
     def start(self, model: PlanarModel) -> PlanarModel:
         """The ``model`` with the values of the prior, and with a coupling of the inertias that these allow."""
         values = model.values.copy()
-        values[[model.names.index(name) for name in self.values]] = self._centre
+        values[self.index(model.names)] = self._centre
         most = _MAX_COUPLING * math.sqrt(values[1] * values[2])
         values[3] = np.clip(values[3], -most, most)
         return model.with_values(values)
 
     def errors(self, coordinates: PlanarCoordinates, x: FloatArray) -> Innovations:
         """(k,) differences of the parameters at ``x`` from the prior, and its variances."""
-        own = coordinates.values(x)[self.index(coordinates)]
+        own = coordinates.values(x)[self.index(coordinates.base_names)]
         return Innovations(self.scaled(own) - self.scaled(self._centre), self.width**2)
 
-    def information(self, coordinates: PlanarCoordinates, x: FloatArray) -> FloatArray:
-        """(p, p) Fisher information on the coordinates."""
-        at, jacobian = self.index(coordinates), coordinates.value_jacobian(x)
-        rows = jacobian[at] * (self.slopes(coordinates.values(x)[at]) / self.width)[:, None]
-        full = np.zeros((len(x), len(x)))
-        full[: rows.shape[1], : rows.shape[1]] = rows.T @ rows
-        return full * np.outer(coordinates.free, coordinates.free)
+    def jacobian(self, coordinates: PlanarCoordinates, x: FloatArray) -> FloatArray:
+        """(k, p) derivatives of `errors` by the coordinates, in the prior's standard errors; zeros for fixed ones."""
+        at, found = self.index(coordinates.base_names), np.zeros((len(self.values), len(x)))
+        slopes = self.slopes(coordinates.values(x)[at]) / self.width
+        found[:, : coordinates.noise_begin] = coordinates.value_jacobian(x)[at] * slopes[:, None]
+        return np.asarray(found * coordinates.free)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,8 +120,8 @@ class PriorUse:
         most = _DECIDED * np.diag(alone.covariance)
         smaller = (np.diag(best.covariance) <= most) & (most > 0.0)
         decided = [name for name, one in zip(names, smaller, strict=True) if one and name not in refused]
-        at = prior.index(coordinates)
-        known = prior.slopes(best.model.values[at]) * np.sqrt(np.diag(covariance)[at])
+        at = prior.index(names)
+        known = prior.slopes(best.model.values[at]) * np.sqrt(np.diag(covariance)[at]) / prior.width
         return cls(
             values=prior.values,
             decided=tuple(decided),
@@ -132,40 +130,33 @@ class PriorUse:
         )
 
 
-def _contradictions(prior: PlanarPrior, best: PlanarOptimum, known: FloatArray) -> list[str]:
+def _contradictions(prior: PlanarPrior, best: PlanarOptimum, known: FloatArray) -> Iterator[str]:
     """Parameters whose prior the logs, and the other priors, contradict.
 
-    ``known`` are the (k,) standard errors of the fit, in the units of the prior. The estimate without one prior follows
-    from the fit by the rules of normal densities; its error grows by that of the fit over the one by the curvature.
+    ``known`` are the (k,) standard errors of the fit, in those of the prior. The estimate without one prior follows
+    from the fit by the rules of normal densities; its error is that by the curvature at least.
     """
-    coordinates, x = best.coordinates, best.x
-    at = prior.index(coordinates)
-    slopes = prior.slopes(best.model.values[at])
-    free = np.flatnonzero(best.likelihood.free)
-    inverse = np.zeros((len(x), len(x)))
-    inverse[np.ix_(free, free)] = inverse_information(best.equations.information[np.ix_(free, free)])
-    count, jacobian = coordinates.noise_begin, coordinates.value_jacobian(x)[at] * slopes[:, None]
-    curved = np.einsum("ki,ij,kj->k", jacobian, inverse[:count, :count], jacobian)
-    found = []
+    rows = prior.jacobian(best.coordinates, best.x)
+    curved = np.einsum("ki,ij,kj->k", rows, inverse_information(best.equations.information), rows)
+    shifts = prior.errors(best.coordinates, best.x).error / prior.width
     for number, (name, one) in enumerate(prior.values.items()):
-        variance = float(prior.width[number]) ** 2
-        other = 1.0 - float(curved[number]) / variance
-        if not coordinates.free[at[number]] or other < _LEAST_OTHER:
+        share = 1.0 - float(curved[number])  # Of the information that is not the prior's.
+        if not rows[number].any() or share < _LEAST_OTHER:
             continue
-        difference = float(prior.errors(coordinates, x).error[number]) / other
-        error = math.sqrt(float(curved[number]) / other) * max(known[number] / math.sqrt(float(curved[number])), 1.0)
-        apart = abs(difference) / math.hypot(error, float(prior.width[number]))
+        shift = float(shifts[number]) / share
+        error = max(float(known[number]), math.sqrt(float(curved[number]))) / math.sqrt(share)
+        apart = abs(shift) / math.hypot(error, 1.0)
         if apart <= _CONTRADICTION:
             continue
-        value, spread, place = float(best.model.values[at[number]]), float(known[number]), "in the fit with the prior"
-        if other >= _DECIDED:
-            value = one.value * math.exp(difference) if prior.is_logarithm[number] else one.value + difference
-            spread, place = error, "by the logs"
-        spread *= value if prior.is_logarithm[number] else 1.0
-        found.append(
+        place = "by the logs"
+        if share < _DECIDED:  # Too far to extrapolate.
+            shift, error, place = float(shifts[number]), float(known[number]), "in the fit with the prior"
+        width, is_logarithm = float(prior.width[number]), bool(prior.is_logarithm[number])
+        value = one.value * math.exp(shift * width) if is_logarithm else one.value + shift * width
+        spread = error * width * (value if is_logarithm else 1.0)
+        yield (
             f"The logs contradict the prior of {name} by {apart:.1f} standard errors: "
             f"{plus_minus(one.value, one.standard_error)} {unit_of(name)} by {one.source}, "
             f"{plus_minus(value, spread)} {unit_of(name)} {place}. Check the source and the thrust curves, or leave "
             "this prior out."
         )
-    return found

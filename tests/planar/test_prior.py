@@ -80,6 +80,15 @@ def test_the_penalty_is_the_same_in_every_model_and_in_every_fold(short_turns: P
     assert np.flatnonzero(parts < 0).tolist() == [len(parts) - 1]
 
 
+def test_a_prior_without_weight_leaves_the_errors_of_correlated_innovations() -> None:
+    truth = Truth(base=BASE, levers=((0.0, 0.0, 0.5),), noise={"heading": (0.01, 0.2)}, disturbance=(0.0, 0.0, 0.03))
+    best = fit_base(campaign(truth, runs=3, levels=5, hold=6.0, seed=5))
+    assert not best.is_white
+    weak = prior(inertia=(8.0, 1e6), linear_drag=(5.0, 1e6))
+    other = replace(best, likelihood=replace(best.likelihood, grid=replace(best.likelihood.grid, prior=weak)))
+    assert other.covariance == pytest.approx(best.covariance, rel=1e-6)  # Finite differences.
+
+
 def test_a_hull_has_the_added_mass_of_the_textbook() -> None:
     ball = hull_parameters(2.0, 2.0, 2.0, submerged=True)
     mass = 4000.0 / 3.0 * math.pi
