@@ -89,6 +89,7 @@ class SignalData:
     unit: str  #: SI unit, for messages.
     clipped: bool = False  #: Whether clipped readings were left out.
     measured: bool = True  #: Whether this signal measures the motion that the model explains.
+    unknown: Intervals = ()  #: s, between which neither this signal nor the commands are logged.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

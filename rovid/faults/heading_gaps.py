@@ -15,7 +15,11 @@ def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:
     if not data.measured or len(data.time) < 2:
         return
     intervals = np.diff(data.time)
+    begins, ends = np.array(data.unknown).reshape(-1, 2).T
     gaps = np.flatnonzero(intervals > gap_limit(intervals))
+    # Where nothing at all was logged, rows are lost.
+    lost = [np.any((data.time[row] >= begins) & (data.time[row + 1] <= ends)) for row in gaps]
+    gaps = gaps[~np.array(lost, dtype=bool)]
     if not gaps.size:
         return
     total, longest = float(intervals[gaps].sum()), int(gaps[np.argmax(intervals[gaps])])

@@ -24,6 +24,11 @@ from rovid.trial.segments import subsampled_median
 _LEAST_HOLES, _USUAL_SHARE, _USUAL_LONGER, _DEVIATIONS = 3, 0.03, 0.01, 3.0
 # Readings that a log needs.
 _FEWEST = 20
+# Usual intervals without any reading from which the recording paused; the commands are then unknown, even if they are
+# the same before and after.
+_PAUSE = 20.0
+# Pauses that a message lists.
+_SHOWN = 3
 # Usual intervals from which a hole is a gap: rows lost at random are lost by one or a few.
 _GAP = 10.0
 # Holes from which their places show whether they are at random; with fewer holes no clock skips every few ticks.
@@ -70,6 +75,33 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
     unknown = tuple(zip(time[rows].tolist(), time[rows + 1].tolist(), strict=True)) if data.commands else ()
     done = "The commands within the holes are taken as unknown." if data.commands else "Nothing needs to be done."
     yield Detection(fault=fault, done=done, repair=partial(_unknown, intervals=unknown))
+
+
+def _pauses(data: ClockData) -> Iterator[Detection[ClockData]]:
+    """Long holes of a table with the measured signal and the commands: several tests, or an interrupted one."""
+    if len(data.time) < _FEWEST or not data.interval > 0.0 or not data.commands or data.measured not in data.values:
+        return
+    time = np.sort(data.time) if data.sortable else data.time
+    rows = np.flatnonzero(np.diff(time) > _PAUSE * data.interval)
+    if not rows.size:
+        return
+    begins, ends = time[rows] - time[0], time[rows + 1] - time[0]
+    holes = [f"{begin:.1f} to {end:.1f} s" for begin, end in zip(begins[:_SHOWN], ends[:_SHOWN], strict=True)]
+    text = f"{data.log}: no row is logged from {' and from '.join(holes)}"
+    if len(rows) > _SHOWN:
+        text += f", and {len(rows) - _SHOWN} more times"
+    fault = Fault(
+        fault="lost_rows",
+        logs=(data.log,),
+        text=f"{text}: the recording paused, or its clock was set ahead.",
+        at=tuple(begins.tolist()),
+        size=float((ends - begins).sum()),
+        unit="s",
+        remedy="cut",
+    )
+    done = "The log was cut there, and each part is a run of its own."
+    intervals = tuple(zip(time[rows].tolist(), time[rows + 1].tolist(), strict=True))
+    yield Detection(fault=fault, done=done, repair=partial(_unknown, intervals=intervals))
 
 
 def _losses(time: FloatArray) -> tuple[FloatArray, BoolArray] | None:
@@ -133,4 +165,14 @@ FAULT = FaultKind(
     stage="clock",
     detect=_detect,
     false_alarms="1 in 1000 of the logs that lose 3 % of their rows singly; none of regular or irregular clocks.",
+)
+
+FURTHER = (
+    FaultKind(
+        id="lost_rows",
+        title="Pauses of the recording",
+        stage="clock",
+        detect=_pauses,
+        false_alarms="none: twenty usual intervals without a row are a pause by definition.",
+    ),
 )

@@ -232,6 +232,7 @@ class _Builder:
             values=known,
             period=self.kind.turn,
             unit=self.axis.unit("rad/s" if self.rate_only else "rad"),
+            unknown=tuple(self.unknown),
         )
         signal = self.examined("signal", signal)
         position, remarks = clean(signal.time, signal.values, self.kind, self.measured_words)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.base import ClockData
+from rovid.trial.cutting import split
 from tests.faults.clocks import COMMANDS, TIME_CONSTANTS, clock, examined, motion, undamaged
+from tests.faults.drives import drives
 
 
 @pytest.mark.parametrize("share", [0.08, 0.15, 0.3])
@@ -96,12 +100,28 @@ def test_few_rows_of_a_short_log_are_named() -> None:
     assert fault.size == pytest.approx(9.0 / 150.0)
 
 
-def test_gaps_are_not_lost_rows() -> None:
+@pytest.mark.parametrize("rows", [15, 40])
+def test_a_gap_is_a_pause_of_the_recording_from_twenty_intervals_on(rows: int) -> None:
     time, heading, command = motion(4)
     kept = np.ones(len(time), dtype=bool)
     for at in range(100, 1000, 150):
-        kept[at : at + 40] = False
-    assert examined(clock(time[kept], heading=heading[kept], fore=command[kept]))[1] == ()
+        kept[at : at + rows] = False
+    data, faults = examined(clock(time[kept], heading=heading[kept], fore=command[kept]))
+    if rows < 20:
+        assert faults == ()
+        return
+    (fault,) = faults
+    assert (fault.fault, fault.remedy, len(data.unknown), len(fault.at)) == ("lost_rows", "cut", 6, 6)
+    assert fault.size == pytest.approx(6 * 0.1 * (rows + 1))
+
+
+def test_a_log_is_cut_at_a_pause_that_is_no_gap_of_the_heading(tmp_path: Path) -> None:
+    _, drive = next(drives(1))
+    paused = replace(drive, time=drive.time + np.where(np.arange(len(drive.time)) >= 300, 100.0, 0.0))
+    trial = paused.trial(tmp_path)
+    (fault,) = (fault for fault in trial.faults if fault.fault in {"lost_rows", "heading_gaps", "clock_step"})
+    assert fault.fault in {"lost_rows", "clock_step"}  # The drive runs on over the pause, as with a clock set ahead.
+    assert [len(part.time) for part in split(trial)] == [300, 300]
 
 
 def test_a_table_that_joins_sensors_loses_no_rows() -> None:
