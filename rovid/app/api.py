@@ -175,7 +175,7 @@ class Api:
         """
         if not names:
             raise ConfigError("no logs were chosen.")
-        paths = [self.root.path(name) for name in names]
+        paths = list(map(self.root.path, names))
         for path in paths:
             require_exists(path)
         # The folder is included because rovid also reads thrust curves and joined logs next to a log.

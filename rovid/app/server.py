@@ -149,7 +149,7 @@ class _Handlers:
         """Start `rovid report` for the logs."""
         if not isinstance(document, dict) or not isinstance(document.get("logs"), list):
             raise ConfigError("the page sent no logs.")
-        paths = self.api.paths([str(name) for name in document["logs"]])
+        paths = self.api.paths(list(map(str, document["logs"])))
         if self.api.config_file(paths) is None:
             raise ConfigError("there is no rovid.toml yet.", mend="Save it first.")
         planar = document.get("axes") == "planar"

@@ -53,7 +53,7 @@ def fit(
     from rovid.present.documents.fits import likelihood_document
     from rovid.present.terminal.results import show_likelihood
 
-    effects = tuple(effect_named(name) for name in dict.fromkeys(effect or ()))
+    effects = tuple(map(effect_named, dict.fromkeys(effect or ())))
     session = open_session(logs, parameters, axis, cutoff, force=force, with_history=True)
     fit_and_store(
         session,

@@ -211,7 +211,7 @@ def _plan_planar(
     from rovid.store.planar_study import open_planar_study, planar_effect
 
     stored = planar_parameters_at(parameters)
-    effects = [planar_effect(name) for name in dict.fromkeys((*stored.effects, *(effect or ())))]
+    effects = list(map(planar_effect, dict.fromkeys((*stored.effects, *(effect or ())))))
     paths = logs or planar_logs(stored)
     commands = OutputFile(output, PLAN)
     outputs = reserve_outputs([commands], paths, stored.path, force=force)

@@ -74,7 +74,7 @@ def report(
 ) -> None:
     """Write all results on one page."""
     add_effects(effects_from)
-    widths = [_journal_width(each) for each in journal or ()]
+    widths = list(map(_journal_width, journal or ()))
     if is_planar(axes, axis, cutoff=cutoff):
         _report_planar(
             logs, parameters, output or Path("report_planar"), diagnosed=diagnosis, pdf=pdf, journal=widths,

@@ -86,7 +86,7 @@ class CampaignFit:
     def found_effects(self) -> list[Effect]:
         """Established causes, or the effects in the parameter file."""
         if self.stored_estimate is not None:
-            return [effect_named(key) for key in effect_ids(self.stored_estimate.names)]
+            return list(map(effect_named, effect_ids(self.stored_estimate.names)))
         return [] if self.diagnosis is None else [finding.effect for finding in self.diagnosis.findings]
 
     @property

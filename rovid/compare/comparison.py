@@ -168,7 +168,7 @@ def _pair(a: SharedEstimate, b: SharedEstimate, environmental: Sequence[Effect])
     excluded = tuple(f"{effect.key}." for effect in environmental)
     names = [name for name in dict.fromkeys((*a.names, *b.names)) if not name.startswith(excluded)]
     shared = [name for name in names if all(0.0 < side.moments(name)[1] < math.inf for side in (a, b))]
-    at_a, at_b = ([side.names.index(name) for name in shared] for side in (a, b))
+    at_a, at_b = (list(map(side.names.index, shared)) for side in (a, b))
     pair = EstimatePair(
         names=tuple(shared),
         units=tuple(a.units[index] for index in at_a),

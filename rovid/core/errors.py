@@ -90,7 +90,7 @@ class OutputError(RovidError):
 
 def suggestion(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> str:
     """Sentence with the `close_matches` of ``wanted``, or with all names ``present`` if there are none."""
-    names = [str(name) for name in islice(present, _SEARCHED)]
+    names = list(map(str, islice(present, _SEARCHED)))
     if close := close_matches(wanted, names, also):
         return f"Nearest: {quoted_list(close)}."
     if not names:

@@ -101,7 +101,7 @@ def csv_line(cells: Sequence[str]) -> str:
 
 def identifiers(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
     """``names`` as identifiers for XML, YAML, topics and programs, distinct from each other and from ``taken``."""
-    return _distinct([_identifier(name) for name in names], taken)
+    return _distinct(list(map(_identifier, names)), taken)
 
 
 def _identifier(name: str) -> str:
@@ -154,7 +154,7 @@ def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {encodable(str(key)): _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return list(map(_finite, value))
     if isinstance(value, str):
         return encodable(value)
     if value is None or isinstance(value, int):

@@ -49,7 +49,7 @@ def parallel_map(
         return team.map(function, every)
     if use_threads:
         return thread_map(function, every)
-    return [function(item) for item in every]
+    return list(map(function, every))
 
 
 def agreed(question: Callable[[], bool]) -> bool:
@@ -217,7 +217,7 @@ class _Team:
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """``function`` of each item. A map inside ``function`` is not shared, nor is a single item."""
         if self.is_busy or len(items) < 2:
-            return [function(item) for item in items]
+            return list(map(function, items))
         self.is_busy = True
         done: dict[int, Result] = {}
         try:

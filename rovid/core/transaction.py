@@ -57,7 +57,7 @@ class _Transaction:
                 return os.path.relpath(path, folder)
 
             document = {
-                "journals": [relative(path) for path in self.journals],
+                "journals": list(map(relative, self.journals)),
                 "moves": [[relative(staged), relative(target)] for staged, target in self.moves],
                 "removals": [[relative(path), inode] for path, inode in self.removals],
             }

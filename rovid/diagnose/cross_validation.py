@@ -323,7 +323,7 @@ def _horizon_squares(
     squares, count = np.zeros(shape), np.zeros(shape)
     for fold in folds:
         model = fitted.objective.parametrization.model(fold.x)
-        own = np.isin(piece, [pieces.index(one) for one in fold.pieces])
+        own = np.isin(piece, list(map(pieces.index, fold.pieces)))
         at = piece[own], data.horizon[own]
         np.add.at(squares, at, prediction_errors(data, model)[own] ** 2)
         np.add.at(count, at, 1.0)

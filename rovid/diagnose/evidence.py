@@ -93,7 +93,7 @@ def effect_sizes(fitted: FitResult, effect: Effect, *, sandwich: bool) -> tuple[
 
     Where the neutral value is infinite, the distance is counted from zero.
     """
-    at = [fitted.model.names.index(name) for name in effect.parameter_names[: effect.size_count]]
+    at = list(map(fitted.model.names.index, effect.parameter_names[: effect.size_count]))
     away = fitted.model.values[at] - fitted.data.scales.neutral_sizes(effect)
     return away, fitted.covariance(sandwich=sandwich)[np.ix_(at, at)]
 

@@ -115,7 +115,7 @@ def few_logs(finding: Finding, count: int) -> tuple[str, ...]:
 def _sizes(finding: Finding, count: int) -> tuple[FloatArray, FloatArray]:
     """(count,) sizes of the trials, and their covariance. The last size may follow from the mean of all, which is 1."""
     estimate = finding.estimate
-    places = [estimate.names.index(name) for name in finding.effect.parameter_names[:count]]
+    places = list(map(estimate.names.index, finding.effect.parameter_names[:count]))
     values, covariance = estimate.values[places], estimate.covariance[np.ix_(places, places)]
     if len(places) == count:
         return values, covariance

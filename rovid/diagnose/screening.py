@@ -191,7 +191,7 @@ def _directions(
             informations.append(one.information)
             crosses.append(rows.cross_information(one))
         gradient, information, cross = (np.sum(each, axis=0) for each in (gradients, informations, crosses))
-    gains = objective.value_of(centre) - np.array([objective.value_of(side) for side in sides])
+    gains = objective.value_of(centre) - np.array(list(map(objective.value_of, sides)))
     return Directions(np.array(starts), gradient, information, cross, gains)
 
 

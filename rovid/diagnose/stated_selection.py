@@ -70,7 +70,7 @@ def is_established(finding: Finding) -> bool:
 
 
 def _state(selection: Selection) -> StatedSelection:
-    causes = [selection.cause(effect) for effect in selection.model.effects]
+    causes = list(map(selection.cause, selection.model.effects))
     base, model, suspected = (
         selection.full_data(selection.base),
         selection.full_data(selection.model),

@@ -245,7 +245,7 @@ class StepwiseSearch:
 
     def _eliminate(self, current: FitResult) -> FitResult:
         """Remove effects that are no longer worth their place."""
-        self.cache.fit_all(current.objective, [current.without(effect) for effect in current.effects])
+        self.cache.fit_all(current.objective, list(map(current.without, current.effects)))
         for effect in current.effects:
             rest = self.without(current, effect)
             if not self.is_worth_adding(current, rest):

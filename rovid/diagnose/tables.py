@@ -158,7 +158,7 @@ class _Problem:
         self.drag_units = [] if rows.drag_known else [2.0 * torque / rate**2, 2.0 * torque / rate]
         drags = len(self.drag_units)
         self.effect_begins = 1 + drags
-        sizes = [scales.unit_size(parameter) for parameter in parameters]
+        sizes = list(map(scales.unit_size, parameters))
         self.units = np.array([1.0, *self.drag_units, *sizes])
         least, largest = rows.inertias
         self.low = np.array([math.log(least), *[0.0] * drags, *[one.low for one in parameters]])
@@ -167,7 +167,7 @@ class _Problem:
     def model(self, x: FloatArray) -> Model:
         """The model at (q,) ``x``."""
         sizes = x[self.effect_begins :] * self.units[self.effect_begins :]
-        values = tuple(float(value) for value in sizes)
+        values = tuple(map(float, sizes))
         model = replace(self.begin, inertia=math.exp(x[0]), effects=self.effects, effect_values=values)
         if not self.drag_units:
             return model

@@ -261,7 +261,7 @@ def _vehicle_inputs(vehicle: Vehicle) -> ActuatorInputs:
         time=np.zeros(0),
         names=tuple(thruster.name for thruster in vehicle.thrusters),
         forward_share=vehicle.surge_shares,
-        command_range=np.array([_command_range(thruster) for thruster in vehicle.thrusters]),
+        command_range=np.array(list(map(_command_range, vehicle.thrusters))),
         dead_zone=np.array([_dead_zone(thruster.curve) for thruster in vehicle.thrusters]),
         extras={},
         neutral=neutral_commands(vehicle),

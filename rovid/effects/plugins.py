@@ -221,7 +221,7 @@ def _check(effect: Effect, taken: Sequence[str]) -> None:
         raise _InvalidPluginError("two parameters have the same name")
     for position, absent in enumerate([*[False] * len(effect.initial_values), True]):
         start = effect.initial_values[0 if absent else position]
-        sizes = np.array([_SCALES.unit_size(parameter) for parameter in effect.parameters])
+        sizes = np.array(list(map(_SCALES.unit_size, effect.parameters)))
         values = start * sizes
         if absent:
             size = slice(effect.size_count)
@@ -238,7 +238,7 @@ def _check(effect: Effect, taken: Sequence[str]) -> None:
 
 def _check_parameter(parameter: EffectParameter) -> None:
     numbers = (parameter.low, parameter.high, *parameter.initial_values)
-    if not parameter.initial_values or not all(math.isfinite(number) for number in numbers):
+    if not parameter.initial_values or not all(map(math.isfinite, numbers)):
         raise _InvalidPluginError(f"the bounds and initial values of {parameter.name} are not finite numbers")
     if not all(parameter.low <= number <= parameter.high for number in parameter.initial_values):
         raise _InvalidPluginError(f"an initial value of {parameter.name} is outside low and high")

@@ -78,7 +78,7 @@ class Estimate:
 
     def only(self, names: Sequence[str]) -> Self:
         """The estimate of the parameters ``names`` alone."""
-        at = [self.names.index(name) for name in names]
+        at = list(map(self.names.index, names))
         covariance = self.covariance[np.ix_(at, at)]
         return replace(self, names=tuple(names), values=self.values[at], covariance=covariance)
 

@@ -85,7 +85,7 @@ class NormalEquations(NamedTuple):
     @classmethod
     def sum_of(cls, each: Iterable[Self]) -> Self:
         """Sums over the equations of several parts of the innovations."""
-        gradient, information = (sum(every) for every in zip(*each, strict=True))
+        gradient, information = map(sum, zip(*each, strict=True))
         return cls(np.asarray(gradient), np.asarray(information))
 
 

@@ -157,7 +157,7 @@ class FitResult:
         """(p, p) of the model parameters: the inverse information, or the sandwich for correlated innovations."""
         parametrization, data = self.objective.parametrization, self.data
         # Coordinates at a bound are included: taking them as certain would make the others look certain.
-        groupings = [self.objective.masked(groups) for groups in (data.block_index, data.run_index)]
+        groupings = list(map(self.objective.masked, (data.block_index, data.run_index)))
         information, scores = grouped_scores(self.objective.robust_jacobian(self.x), groupings if sandwich else [])
         shown, size = parametrization.model_jacobian(self.x)
         if not np.isfinite(information).all():

@@ -135,7 +135,7 @@ def _sine_methods(trials: Sequence[SineTrial], drag: Estimate | None) -> dict[st
     drags = _drags(drag)
     balance = harmonic_balance(trials, _drag_model(drags))
     # Errors of the drag propagate into the harmonic balance.
-    places = [drag.names.index(name) for name in ("quadratic_drag", "linear_drag")]
+    places = list(map(drag.names.index, ("quadratic_drag", "linear_drag")))
     gradient = np.zeros(2)
     for at in range(2):
         step = max(1e-3 * abs(float(drags[at])), 1e-6)

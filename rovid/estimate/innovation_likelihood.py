@@ -209,7 +209,7 @@ def _filter_chunk(pairs: Sequence[tuple[InnovationLikelihood, FloatArray]]) -> l
     models = [objective.parametrization.model(x) for objective, x in pairs]
     models += models[-1:] * (LANES - len(pairs))
     corrected = list(map(chunk.corrected_angle, models))
-    torque_inputs, angles = [chunk.inputs.between_steps(model) for model in models], [one.angle for one in corrected]
+    torque_inputs, angles = list(map(chunk.inputs.between_steps, models)), [one.angle for one in corrected]
     inputs = FilterInputs.stack(torque_inputs, angles)
     batch = ParameterBatch.stack(models, [objective.noise_parameters(x) for objective, x in filled])
     kernel = ekf5_innovations if first.has_oscillator else ekf3_innovations

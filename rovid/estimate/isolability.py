@@ -120,7 +120,7 @@ def sized_cause(
     torques = [model.torque_input(vehicle, trial).torque for trial in programme]
     constant = time_constant(model, rate)
     scales = effect_scales(programme, vehicle, rms_nonzero(np.concatenate(torques)), rate, constant)
-    units = np.array([scales.unit_size(parameter) for parameter in effect.parameters])
+    units = np.array(list(map(scales.unit_size, effect.parameters)))
     start = effect.initial_values[0]
 
     def at(share: float) -> FloatArray:

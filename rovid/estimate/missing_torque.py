@@ -66,7 +66,7 @@ def include_missing_torque(estimate: Estimate, fitted: FitResult) -> Estimate:
     shown, size = fitted.objective.parametrization.model_jacobian(fitted.x)
     covariance = missing_torque_covariance(fitted)[np.ix_(shown, shown)] * np.outer(size, size)
     names = fitted.model.names
-    at = [names.index(name) for name in estimate.names]
+    at = list(map(names.index, estimate.names))
     added = covariance[np.ix_(at, at)]
     wider = replace(estimate, covariance=estimate.covariance + added)
     reach = []

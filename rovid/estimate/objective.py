@@ -141,7 +141,7 @@ class NegativeLogLikelihood(ABC):
     def values(self, points: Sequence[FloatArray]) -> list[float]:
         """Negative log-likelihood at each of the (p,) ``points``."""
         each = thread_map(lambda chunk: list(map(chunk.value_of, chunk.evaluate(points))), self.chunks)
-        return [sum(values) for values in zip(*each, strict=True)]
+        return list(map(sum, zip(*each, strict=True)))
 
     def value(self, x: FloatArray) -> float:
         """Negative log-likelihood."""

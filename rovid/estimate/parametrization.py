@@ -89,7 +89,7 @@ class Parametrization:
     @cached_property
     def units(self) -> FloatArray:
         """Size of one unit of each of ``parameters``."""
-        return np.array([self.data.scales.unit_size(parameter) for parameter in self.parameters])
+        return np.array(list(map(self.data.scales.unit_size, self.parameters)))
 
     @property
     def effects_begin(self) -> int:

@@ -103,7 +103,7 @@ def _steady_point(run: Run, hold: Hold) -> SteadyPoint | None:
         source=run.trial.name,
         start=float(times[0]),
         stop=float(times[-1]) + _block_samples(run) * run.rates.kernel.period,
-        command=tuple(float(value) for value in hold.command),
+        command=tuple(map(float, hold.command)),
         torque=hold.torque,
         rate=mean,
         square_rate=float(squares.mean()),

@@ -67,7 +67,7 @@ class UnknownPasts:
         water = self._water(models)
         if not (drives or water):
             return
-        moved = [self.inputs.between_steps(model) for model in models] if drives else []
+        moved = list(map(self.inputs.between_steps, models)) if drives else []
         duration = math.inf
         if not water:
             distinct = {id(one): (given, one) for given, one in zip(torque_inputs, moved, strict=True)}

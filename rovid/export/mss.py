@@ -132,7 +132,7 @@ def export_planar(subject: PlanarInput) -> PlanarExportResult:
         speed=float(np.hypot(north, east)),
         direction=float(np.arctan2(east, north)),
         damping="; ".join(rows),
-        constant="; ".join(repr(value) for value in subject.bias.tolist()),
+        constant="; ".join(map(repr, subject.bias.tolist())),
         strips="".join(strips),
     )
 

@@ -302,7 +302,7 @@ def rovid_motion(subject: PlanarInput, model: PlanarModel, commands: FloatArray)
     inputs = actuators.forces(PlanarCommands(actuators, trial), model.actuator_effects).inputs
     scale = np.maximum(subject.envelope, 1e-3)
     motion = PlanarMotion.simulated(model, np.array([0, len(time)]), time, inputs, np.zeros((1, 6)), scale)
-    return np.column_stack([motion.sensor(name) for name in ("heading", *AXIS_SPEEDS)])
+    return np.column_stack(list(map(motion.sensor, ("heading", *AXIS_SPEEDS))))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -106,7 +106,7 @@ class Fleet:
         """Vehicle -> median of the parameter if the medians differ by more than `UNLIKE`; else empty."""
         groups = self.campaigns_with(name)
         medians = {vehicle: median_of(value for _, value in known) for vehicle, known in groups.items()}
-        sizes = [abs(median) for median in medians.values()]
+        sizes = list(map(abs, medians.values()))
         if sizes and min(sizes) > 0.0 and max(sizes) > UNLIKE * min(sizes):
             return medians
         return {}

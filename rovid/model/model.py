@@ -195,7 +195,7 @@ class Model:
             pairs = zip(trials, torque_input.by_trial, strict=True)
             return [self.simulate(trial, one)[0] for trial, one in pairs]
         time = np.concatenate([trial.time for trial in trials])
-        first = np.array([self._initial_motion(trial) for trial in trials])
+        first = np.array(list(map(self._initial_motion, trials)))
         starts = np.array([trial.first_position for trial in trials])
         rate, _ = integrate_batch(self.body, self.terms, time, torque_input, starts, first)
         return [rate[begin:end] for begin, end in pairwise(torque_input.offsets.tolist())]

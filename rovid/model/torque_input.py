@@ -142,7 +142,7 @@ class TorqueInput:
     def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
         """``function`` of each series of one trial."""
         torque = function(self.torque)
-        inputs = np.column_stack([function(column) for column in self.effect_inputs.T])
+        inputs = np.column_stack(list(map(function, self.effect_inputs.T)))
         offsets = np.array([0, len(torque)])
         return type(self)(torque, function(self.timing_moment), inputs, function(self.impulse_variance), offsets)
 

@@ -139,7 +139,7 @@ class PlanarCoordinates:
         found = np.zeros(len(SENSORS))
         own = x[self.latency_begin :] * self.units[self.latency_begin :]
         for names, value in zip(self.instruments, own.tolist(), strict=True):
-            found[[SENSORS.index(name) for name in names]] = value
+            found[list(map(SENSORS.index, names))] = value
         return found
 
     def on_time(self, fixed: Sequence[bool]) -> Self:
@@ -152,7 +152,7 @@ class PlanarCoordinates:
     def with_effect(self, effect: Effect) -> Self:
         """The same coordinates with those of one more effect before the disturbance."""
         at = self.noise_begin
-        units = [self.sizes.effects.unit_size(parameter) for parameter in effect.parameters]
+        units = list(map(self.sizes.effects.unit_size, effect.parameters))
         low, high = ([getattr(one, side) for one in effect.parameters] for side in ("low", "high"))
         return replace(
             self,

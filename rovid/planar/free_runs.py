@@ -161,7 +161,7 @@ def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> Fl
     def simulated(first: FloatArray) -> FloatArray:
         offsets = np.array([0, len(time)])
         motion = PlanarMotion.simulated(model, offsets, time, inputs, first[None], speed, yaw_only=yaw_only)
-        return weight * np.column_stack([motion.sensor(name) for name in SENSORS])[index, sensor]
+        return weight * np.column_stack(list(map(motion.sensor, SENSORS)))[index, sensor]
 
     steps = 1e-4 * np.array([1.0, *speed, 1.0, 1.0])
     free = [0, 3] if yaw_only else range(len(start))
@@ -190,7 +190,7 @@ def free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool = False)
             continue
         start = estimated_start(model, run, yaw_only=yaw_only)
         motion = simulate_planar(model, run, start, yaw_only=yaw_only)
-        read = np.column_stack([motion.sensor(name) for name in SENSORS])[run.event_index, run.event_sensor]
+        read = np.column_stack(list(map(motion.sensor, SENSORS)))[run.event_index, run.event_sensor]
         other = smooth_motion(replace(run, event_value=read))
         assert other is not None  # noqa: S101 - the measured run is as long
         measured.append(smooth.speeds)
@@ -224,7 +224,7 @@ class FreeRuns:
     @classmethod
     def of(cls, data: PlanarData, sizes: PlanarSizes) -> Self | None:
         """The runs of ``data``, with the same weight for errors of all axes; None where all runs are too short."""
-        slowest = max(slowest_interval(run) for run in data.runs)
+        slowest = max(map(slowest_interval, data.runs))
         width = max(_WIDTH * float(sizes.time.min()), _LEAST_WIDTH * slowest)
         found = [(at, one) for at, run in enumerate(data.runs) if (one := smooth_run(run, width)) is not None]
         if not found:
@@ -285,10 +285,10 @@ class FreeRuns:
         most = _LARGEST * self.usual
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             motion = PlanarMotion.simulated(model, self.offsets, time, self._inputs(model), starts, self.scale)
-            found = np.column_stack([motion.sensor(name) for name in AXIS_SPEEDS])
+            found = np.column_stack(list(map(motion.sensor, AXIS_SPEEDS)))
             # The kernel of the measured speeds, over each run.
             ends = np.cumsum([len(run.time) for _, run in self.smooth])[:-1]
-            found = np.concatenate([smoothed(one) for one in np.split(found, ends)]) - speeds
+            found = np.concatenate(list(map(smoothed, np.split(found, ends)))) - speeds
         return np.clip(np.where(np.isfinite(found), found, math.inf)[:, self._axes], -most, most)
 
     def errors(self, model: PlanarModel) -> Innovations:

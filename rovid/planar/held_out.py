@@ -211,11 +211,11 @@ def window_errors(
     time = grid.time[every]
     # The change of a wandering current counts as speed over ground.
     started = PlanarMotion.of_states(time[offsets[:-1]], first, planar.current)
-    starts = np.column_stack([started.sensor(name) for name in ("heading", *AXIS_SPEEDS, "north", "east")])
+    starts = np.column_stack(list(map(started.sensor, ("heading", *AXIS_SPEEDS, "north", "east"))))
 
     def simulated(forces: FloatArray) -> FloatArray:
         motion = PlanarMotion.simulated(planar, offsets, time, forces, starts, grid.speed, yaw_only=grid.yaw_only)
-        return np.column_stack([motion.sensor(name) for name in ("heading", *AXIS_SPEEDS)])
+        return np.column_stack(list(map(motion.sensor, ("heading", *AXIS_SPEEDS))))
 
     motion = simulated(inputs)
     reference = (

@@ -173,7 +173,7 @@ def _facts(trial: Trial, config: Config, vehicle: Vehicle, cutoff: float) -> dic
         f"{trial.axis.force_name}_range": [float(torque.min()), float(torque.max())],
         "held_commands": len(find_holds(trial, vehicle, torque, cutoff)) if cutoff else 0,
         "sine_runs": len(find_sines(trial, torque)),
-        "remarks": [remark_document(remark) for remark in trial.remarks],
+        "remarks": list(map(remark_document, trial.remarks)),
     }
 
 

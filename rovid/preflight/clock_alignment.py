@@ -100,7 +100,7 @@ class ClockOffsets:
         kinds: dict[tuple[bool, ...], list[ClockOffset]] = {}
         for clock in self.offsets:
             kinds.setdefault((clock.certain, clock.is_significant, bool(clock.by)), []).append(clock)
-        return [tuple(clocks) for clocks in kinds.values()]
+        return list(map(tuple, kinds.values()))
 
     def text(self, clocks: Sequence[ClockOffset]) -> str:
         """Sentences on one of the groups."""

@@ -69,7 +69,7 @@ class Layout:
     @property
     def width(self) -> int:
         """Number of columns, with the empty ones of delimiters at line ends."""
-        return max(len(self.names), *(len(row) for row in self.rows[:5]), 0)
+        return max(len(self.names), *map(len, self.rows[:5]), 0)
 
     def refuse_long_rows(self) -> None:
         """Raise a `LogError` for the first row with more cells than the header, as decimal commas produce."""

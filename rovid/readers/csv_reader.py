@@ -59,7 +59,7 @@ def read_grouped(columns: Sequence[Sequence[str]], time: int | None) -> list[Flo
     Where both fit, that one is taken in which the column ``time`` goes back less often: 999, 1.000, 1.001 is a time in
     ms with thousands separators.
     """
-    read = [[notation.numbers(cells) for cells in columns] for notation in NOTATIONS]
+    read = [list(map(notation.numbers, columns)) for notation in NOTATIONS]
     fitting = [[one for one in numbers if one is not None] for numbers in read]
     fitting = [numbers for numbers in fitting if len(numbers) == len(columns)]
     if len(fitting) > 1 and time is not None:

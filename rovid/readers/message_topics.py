@@ -267,7 +267,7 @@ def _time_array(times: array[int] | list[Any]) -> NDArray[Any]:
         return np.frombuffer(times, dtype=np.int64)
     if all(isinstance(time, int) and abs(time) < 2**63 - 1 for time in times):
         return np.array(times, dtype=np.int64)
-    return np.array([as_float(time) for time in times])
+    return np.array(list(map(as_float, times)))
 
 
 class TopicListing:

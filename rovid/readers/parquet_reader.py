@@ -86,7 +86,7 @@ def _columns(path: Path, sources: Mapping[str, str]) -> tuple[pd.Series[Any], di
 
 def _check_columns(path: Path, footer: Any, sources: Mapping[str, str]) -> list[str]:
     """Mapped columns that hold text; `LogError` if one is missing, repeated or of bytes, or all are too large."""
-    leaves = [footer.schema.column(at) for at in range(len(footer.schema.names))]
+    leaves = list(map(footer.schema.column, range(len(footer.schema.names))))
     present = [leaf.path for leaf in leaves if leaf.max_repetition_level == 0]  # Without lists.
     for name, column in sources.items():
         if column not in present:

@@ -178,7 +178,7 @@ def _covariance(
     """
     if not set(names) <= set(entries) or len(set(names)) < len(names):
         raise ValueError("the names of the covariance are not unique names of parameters")
-    if [len(names)] * len(names) != [len(row) for row in matrix]:
+    if [len(names)] * len(names) != list(map(len, matrix)):
         raise ValueError(f"the covariance is not a square matrix of {len(names)} rows")
     written = np.array([[_number_or_nan(cell, "a covariance", LARGEST**2) for cell in row] for row in matrix])
     variance = {name: float(written[i, i]) for i, name in enumerate(names)}

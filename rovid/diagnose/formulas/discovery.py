@@ -188,7 +188,7 @@ class _Search:
         self.report("Regressing the missing torque on products of signals …")
         products = [product for product in self.grammar.products if is_possible([product])]
         found = regress(context, product_effects(self.grammar, products))
-        prices = np.array([self.grammar.price(product) for product in products])
+        prices = np.array(list(map(self.grammar.price, products)))
         net = found.gains() - prices
         correlation = np.abs(found.correlation())
         drawn = inclusion(found, prices, np.random.default_rng(_SEED), _DRAWS)

@@ -136,7 +136,7 @@ def planar_simulation_document(
         "parameters": entries,
         "undetermined": undetermined_document(parameters.undetermined),
         "effects": parameters.effects,
-        "trials": [_trial_document(item) for item in simulations],
+        "trials": list(map(_trial_document, simulations)),
         "overall": _measures(pooled_measures(simulations)),
         "manoeuvres": list(map(manoeuvre_document, manoeuvres)),
         "units": _units(),

@@ -279,7 +279,7 @@ def effect_trial_document(found: EffectTrial, warnings: list[str]) -> dict[str, 
     others = [{"effect": name, "log_likelihood_gain": gain} for name, gain in found.others.items()]
     return {
         "schema": "rovid-effect/1",
-        "tried": [_gain(one) for one in found.tried],
+        "tried": list(map(_gain, found.tried)),
         "catalogue": others,
         "warnings": warnings,
     }

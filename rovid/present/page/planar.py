@@ -262,7 +262,7 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "fit_sentence": fit_sentence(fit) if report.diagnosis else "",
         "simulation_sentence": simulation_sentence(report.after),
         "criterion": criterion_sentence(fit),
-        "causes": [_cause_words(finding) for finding in causes],
+        "causes": list(map(_cause_words, causes)),
         "definitions": evidence_definitions(causes),
         "gain": _gain_table(report.diagnosis),
         "undetermined": undetermined_sentences(fit),

@@ -51,7 +51,7 @@ def template_environment(*packages: str) -> Environment:
         return value
 
     environment = Environment(
-        loader=ChoiceLoader([PackageLoader(package) for package in (*packages, "rovid.present.page")]),
+        loader=ChoiceLoader(list(map(PackageLoader, (*packages, "rovid.present.page")))),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=escaped,

@@ -97,7 +97,7 @@ def trial_levels(stages: Sequence[Sequence[TrialSimulation]], *, values: int | N
 
     Each of ``stages`` has all trials in the same order.
     """
-    tables = [_table(items) for items in zip(*stages, strict=True)]
+    tables = list(map(_table, zip(*stages, strict=True)))
     if not tables:
         return []
     budget = VALUES if values is None else values

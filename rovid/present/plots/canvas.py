@@ -197,7 +197,7 @@ def render_svg(figure: Figure) -> bytes:
             canvas.print_svg(buffer, metadata=metadata)
             return buffer.getvalue()
         figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.0, metadata=metadata)
-    wide, high = (float(size) for size in re.findall(rb'(?:width|height)="([\d.]+)pt"', buffer.getvalue())[:2])
+    wide, high = map(float, re.findall(rb'(?:width|height)="([\d.]+)pt"', buffer.getvalue())[:2])
     size = f'width="{journal:g}mm" height="{journal * high / wide:.2f}mm"'.encode()
     return re.sub(rb'width="[\d.]+pt" height="[\d.]+pt"', size, buffer.getvalue(), count=1)
 

@@ -148,7 +148,7 @@ def plot_sine_runs(trials: Sequence[SineTrial], drag: Model | None, axis: Axis) 
     figure, panels = panel_grid([(1.85, 2)] * len(trials), top=0.75, down=0.85)
     for (over_time, loop), trial in zip(panels, trials, strict=True):
         motion = trial.motion
-        waves = [motion.over_one_period(each) for each in (motion.torque, motion.rate, motion.acceleration())]
+        waves = list(map(motion.over_one_period, (motion.torque, motion.rate, motion.acceleration())))
         # All peaks are taken on the side of the largest torque.
         side = np.sign(waves[0][np.argmax(np.abs(waves[0]))])
         peaks = [int(np.argmax(side * values)) for values in waves]

@@ -207,7 +207,7 @@ def plot_drag(changes: DifferenceTest, fastest: float, axis: Axis) -> Figure | N
     pair = changes.pair
     if not set(_DRAG_NAMES) <= set(pair.names):
         return None
-    places = [pair.names.index(name) for name in _DRAG_NAMES]
+    places = list(map(pair.names.index, _DRAG_NAMES))
     block = np.ix_(places, places)
     figure, ((top,), (bottom,)) = panel_grid([(3.0, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
     rate = np.linspace(0.0, fastest, _DRAG_STEPS)

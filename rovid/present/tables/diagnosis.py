@@ -123,7 +123,7 @@ def _held_out_rows(
     yield f"{axis.rate_words} RMSE, {axis.rate_unit}", rates, floor
     for horizon, error in one.position_errors.items():
         known = (error, other.position_errors.get(horizon), diagnosis.position_floors.get(horizon))
-        *errors, floor = rounded_errors([axis.to_display(value) for value in known])
+        *errors, floor = rounded_errors(list(map(axis.to_display, known)))
         yield f"{axis.position_words} after {horizon:.0f} s, {axis.display_unit[0]}", errors, floor
     yield f"{axis.rate_words} R²", [format_number(side.rate_r2, ".4f") for side in (one, other)], ""
     yield "log-likelihood", [format_number(side.log_likelihood, ".0f") for side in (one, other)], ""

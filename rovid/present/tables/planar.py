@@ -80,7 +80,7 @@ def planar_simulation_table(simulations: Sequence[PlanarTrialSimulation]) -> Res
     columns += [mixed_number_column(f"RMSE {sensor_words(name)}", SENSOR_UNITS[name]) for name in sensors]
     table = ResultTable("Free-running simulation against measurement", text_column("trial"), *columns)
     for item in simulations:
-        headings = [item.heading_errors.get(seconds) for seconds in reversed(HORIZONS)]
+        headings = list(map(item.heading_errors.get, reversed(HORIZONS)))
         cells = [_r2(item.fits, name) for name in sensors]
         cells += [format_number(None if error is None else math.degrees(error), 2) for error in headings]
         if has_track:
@@ -151,7 +151,7 @@ def _manoeuvre_title(name: str) -> str:
 
 
 def _columns(titles: Iterable[str]) -> list[Column]:
-    return [mixed_number_column(title) for title in titles]
+    return list(map(mixed_number_column, titles))
 
 
 def _measure_rows(sides: Sequence[Measures]) -> Iterator[list[str]]:

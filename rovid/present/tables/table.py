@@ -119,7 +119,7 @@ class ResultTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """Yield the parts that rich prints."""
-        rows = [[_text(cell) for cell in row.cells] for row in self._rows]
+        rows = [list(map(_text, row.cells)) for row in self._rows]
         headings = [_text(f"{column.title} {column.unit}".strip()) for column in self._headings]
         widths = self._widths(headings, rows, options.max_width)
         table = Table(
