@@ -20,6 +20,7 @@ import numpy as np
 from scipy import optimize
 
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import RovidError
 from rovid.effects import Effect, effect_named
 from rovid.estimate.dataset import time_constant
 from rovid.estimate.maximum_likelihood import fit_likelihood
@@ -160,7 +161,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("logs", nargs="+", type=Path)
     for folder in parser.parse_args().logs:
-        study = open_study([folder])
+        try:
+            study = open_study([folder])
+        except RovidError as error:
+            print(f"{folder.name:24} {error}", flush=True)
+            continue
         if study.runs is None or len(study.runs.items) < LEAST_RUNS:
             print(f"{folder.name:24} too few runs to hold one out", flush=True)
             continue
