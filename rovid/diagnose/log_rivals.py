@@ -190,6 +190,7 @@ def diagnose_logs(
     warnings = (
         *diagnosis.warnings,
         *_clock_warnings(prepared.items, diagnosis.causes),
+        *_sensor_warnings(prepared.items, diagnosis.causes),
         *([coupled] if coupled else []),
     )
     return replace(diagnosis, warnings=warnings, budget=budget.use)
@@ -333,4 +334,15 @@ def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[
         yield (
             f"The {' or '.join(delays)} may be a clock offset of the joined files. The logs do not distinguish the "
             "two. Give the known offset in [join] offset."
+        )
+
+
+def _sensor_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
+    """Warning about delays if no logged rate shows the motion: the sensor may be late instead."""
+    delays = [cause.effect.title for cause in causes if cause.effect.id in _DELAYS]
+    if delays and all(run.trial.rate is None for run in runs):
+        yield (
+            f"The {' and the '.join(delays)} may act in the sensor: a {runs[0].trial.axis.position_words} that a "
+            "navigation filter delays or smooths by the same time looks the same in these logs. Log a gyro's rate, or "
+            "the motors' speed, to tell which."
         )

@@ -95,8 +95,10 @@ class FitResult:
     def is_physical(self) -> bool:
         """Whether the ratio of the inertia to the rigid body's is plausible, or no worse than the initial model's.
 
-        The inertia in slow motion must not be less than the rigid body's either.
+        The inertia in slow motion must not be less than the rigid body's either, nor must the water drive the vehicle.
         """
+        if self.model.damping(self.data.scales.rate) < 0.0:
+            return False
         vehicle = self.data.vehicle
         rigid = None if vehicle is None else vehicle.reference_inertia
         if rigid is None or not self.data.has_actuators:

@@ -210,6 +210,19 @@ class Model:
         terms = actions_at(self.bound_effects, Term)
         return self.inertia + sum(term.added_inertia(values) for term, values in terms if term.added_inertia)
 
+    def damping(self, rate: float) -> float:
+        """Least slope of all resistance in N m s at ``rate`` in rad/s: that of drag, and of fast motion against water.
+
+        An added inertia m < 0 with the time constant tau takes m/tau from the slope in fast motion. If the sum is
+        negative, the water drives the vehicle, which no passive fluid does (Cummins 1962).
+        """
+        taken = sum(
+            min(term.added_inertia(values), 0.0) * term.fastest(values)
+            for term, values in actions_at(self.bound_effects, Term)
+            if term.added_inertia and term.fastest
+        )
+        return 2.0 * self.quadratic_drag * abs(rate) + self.linear_drag + taken
+
     @property
     def stiffness(self) -> float:
         """Restoring stiffness at rest in N m/rad; 0 along an axis without."""

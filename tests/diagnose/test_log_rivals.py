@@ -12,6 +12,7 @@ from rovid.core.budget import Budget
 from rovid.diagnose import log_rivals
 from rovid.diagnose.log_rivals import (
     _diagnose,
+    _sensor_warnings,
     _without_offset,
     coupled_causes,
     coupled_sentence,
@@ -55,6 +56,14 @@ def test_a_long_delay_between_topics_may_be_an_offset(delay: float, separate: bo
     assert bool(result.findings) == kept
     assert [fault.fault for fault in result.faults] == ([] if kept else ["clocks_apart"])
     assert result.verdict == ("found" if kept else "suspected")
+
+
+@pytest.mark.parametrize(("effect", "gyro", "warned"), [(0, False, True), (0, True, False), (1, False, False)])
+def test_a_lag_may_be_the_sensor_s_where_no_rate_is_logged(effect: int, gyro: bool, warned: bool) -> None:
+    cause = [finding(command_delay.FORMS[0], [0.3]), finding(bias_torque.FORMS[0], [0.3])][effect]
+    runs = [replace(run, trial=replace(run.trial, rate=np.zeros(len(run.trial.time)))) for run in day("small", 0)]
+    warnings = [*_sensor_warnings(runs if gyro else day("small", 0), [cause])]
+    assert ["navigation filter" in text for text in warnings] == [True] * warned
 
 
 @pytest.mark.parametrize("clocks_agree", [True, False])

@@ -55,6 +55,18 @@ def test_the_fit_is_physical_white_and_near_the_truth(plain: FitResult) -> None:
     assert abs(plain.model.inertia - synthetic.ROSUB.inertia) < 4.0 * error
 
 
+@pytest.mark.parametrize(("share", "physical"), [(0.9, True), (1.1, False)])
+def test_water_that_drives_the_vehicle_is_not_physical(plain: FitResult, share: float, physical: bool) -> None:
+    memory, time_constant = effect_named("added_mass_memory"), 2.0
+    slope = plain.model.damping(plain.data.scales.rate)
+    objective = plain.objective.with_effects((memory,))
+    scales = [plain.data.scales.unit_size(parameter) for parameter in memory.parameters]
+    added = [-share * slope * time_constant / scales[0], time_constant / scales[1]]
+    fitted = FitResult.at(objective, np.concatenate((plain.x, added)))
+    assert fitted.model.values[-2:] == pytest.approx([-share * slope * time_constant, time_constant])
+    assert fitted.is_physical == physical
+
+
 def test_covariance_is_infinite_where_a_neighbour_diverges(plain: FitResult, monkeypatch: pytest.MonkeyPatch) -> None:
     first, *others = plain.objective.jacobian(plain.x)
     first.matrix[7, 1] = np.nan
