@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.core.formatting import xml_attribute, xml_comment
+from rovid.core.formatting import text_templates, xml_attribute, xml_comment
 from rovid.core.output_files import export_mark
 from rovid.effects.actuator_inputs import actuator_inputs
 from rovid.export.body_equation import Scheme
@@ -18,6 +18,8 @@ from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import equation_rate, thrust_torque
 from rovid.export.thruster_curves import ThrusterCurve, curve_comment, curve_effect_keys, thruster_curves
 from rovid.trial.trial import Trial
+
+_TEXTS = text_templates(__file__, "gazebo")
 
 NEWTONS = "Thruster takes newtons: convert commands by the curves in the comments, which hold the effects of the curve."
 # s, integration steps of gz-sim with DART (semi-implicit Euler) and of VRX's worlds.
@@ -102,21 +104,16 @@ def _model(
 def sdf(name: str, vehicle: str, title: str, masses: tuple[float, float], fluid: str, plugins: str) -> str:
     """A model with one link, ``masses`` in kg and kg m^2 in yaw, and its ``fluid`` added mass, ``plugins`` included."""
     mass, izz = masses
-    return f"""<?xml version="1.0"?>
-<!-- {export_mark(name)}.
-     {xml_comment(vehicle)}: {title}. -->
-<sdf version="1.11">
-  <model name={xml_attribute(vehicle)}>
-    <link name="base_link">
-      <inertial>
-        <mass>{mass:.10g}</mass>
-        <inertia><ixx>{izz:.10g}</ixx><iyy>{izz:.10g}</iyy><izz>{izz:.10g}</izz></inertia>
-        {fluid}
-      </inertial>
-    </link>
-{plugins}  </model>
-</sdf>
-"""
+    return _TEXTS["model"].format(
+        mark=export_mark(name),
+        words=xml_comment(vehicle),
+        title=title,
+        name=xml_attribute(vehicle),
+        mass=mass,
+        izz=izz,
+        fluid=fluid,
+        plugins=plugins,
+    )
 
 
 def frame_notes(subject: ExportInput) -> tuple[str, ...]:
@@ -167,24 +164,12 @@ def thruster_xml(curve: ThrusterCurve, band: float, place: str, direction: str) 
     """A thruster at ``place`` and along ``direction``, both as x and y in FLU axes; ``band`` in N."""
     name = curve.identifier
     deadband = f"\n      <deadband>{band:.10g}</deadband>" if band > 0.0 else ""
-    return f"""    <!-- {curve_comment(curve)} -->
-    <link name="{name}_link">
-      <pose>{place} 0 0 0 0</pose>
-      <inertial>
-        <mass>1e-3</mass>
-        <inertia><ixx>1e-6</ixx><iyy>1e-6</iyy><izz>1e-6</izz></inertia>
-      </inertial>
-    </link>
-    <joint name="{name}_joint" type="revolute">
-      <parent>base_link</parent>
-      <child>{name}_link</child>
-      <axis><xyz>{direction} 0</xyz></axis>
-    </joint>
-    <plugin filename="gz-sim-thruster-system" name="gz::sim::systems::Thruster">
-      <joint_name>{name}_joint</joint_name>
-      <use_angvel_cmd>false</use_angvel_cmd>
-      <velocity_control>true</velocity_control>
-      <max_thrust_cmd>{max(float(curve.thrust.max()), 0.0):.10g}</max_thrust_cmd>
-      <min_thrust_cmd>{min(float(curve.thrust.min()), 0.0):.10g}</min_thrust_cmd>{deadband}
-    </plugin>
-"""
+    return _TEXTS["thruster"].format(
+        comment=curve_comment(curve),
+        name=name,
+        place=place,
+        direction=direction,
+        most=max(float(curve.thrust.max()), 0.0),
+        least=min(float(curve.thrust.min()), 0.0),
+        deadband=deadband,
+    )

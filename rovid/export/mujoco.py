@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.formatting import xml_attribute
+from rovid.core.formatting import text_templates, xml_attribute
 from rovid.core.output_files import export_mark
 from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.interface import ExportInput, ExportResult
@@ -20,6 +20,8 @@ from rovid.export.thruster_curves import (
     number_list,
     thruster_curves,
 )
+
+_TEXTS = text_templates(__file__, "mujoco")
 
 STEP = 0.002  # s, MuJoCo's default
 # Effects that an actuator or the joint represents.
@@ -88,22 +90,15 @@ def mjcf(
         for curve in curves
         for kind, values in (("command", curve.command), ("thrust", curve.thrust))
     ]
-    return f"""<mujoco model={xml_attribute(vehicle)}>
-  <!-- {export_mark("mujoco")}. {title}. -->
-  <option timestep="{STEP:g}" gravity="0 0 0" integrator="implicitfast"/>
-  <custom>
-{chr(10).join(tables)}
-  </custom>
-  <worldbody>
-    <body name="base_link">
-{chr(10).join(body)}
-    </body>
-  </worldbody>
-  <actuator>
-{chr(10).join(actuators)}
-  </actuator>
-</mujoco>
-"""
+    return _TEXTS["model"].format(
+        name=xml_attribute(vehicle),
+        mark=export_mark("mujoco"),
+        title=title,
+        STEP=STEP,
+        tables=chr(10).join(tables),
+        body=chr(10).join(body),
+        actuators=chr(10).join(actuators),
+    )
 
 
 _SPEEDS = 200  # number of speeds in the fit of the drag

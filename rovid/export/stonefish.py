@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from rovid.core.array_types import FloatArray
-from rovid.core.formatting import xml_attribute
+from rovid.core.formatting import text_templates, xml_attribute
 from rovid.core.output_files import export_mark
 from rovid.export.body_equation import Scheme
 from rovid.export.interface import ExportInput, ExportResult
@@ -23,6 +23,8 @@ from rovid.export.thruster_curves import (
     thruster_inputs,
     thruster_lag,
 )
+
+_TEXTS = text_templates(__file__, "stonefish")
 
 _STEP = 0.002  # s
 _DENSITY = 1025.0  # kg/m^3
@@ -126,25 +128,19 @@ def _box_mesh(half: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _scenario(subject: ExportInput, length: float, width: float, linear: float, cubic: float, thrusters: str) -> str:
     inertia, (form_drag, friction) = subject.model.inertia, _mesh_integrals(length, width)
     quadratic_drag, viscous_drag = cubic / (0.5 * _DENSITY * form_drag), linear / (_DENSITY * friction)
-    return f"""<?xml version="1.0"?>
-<!-- {export_mark("stonefish")}. Yaw identified by rovid; z down, a yaw rate is the heading's.
-     Torque of drag: {linear:.10g}*r + {cubic:.10g}*r^3 N m. -->
-<scenario>
-  <robot name={xml_attribute(subject.vehicle.name)} fixed="false" self_collisions="false">
-    <base_link name="base_link" type="box" physics="floating">
-      <dimensions xyz="{length:.10g} {width:.10g} {width:.10g}"/>
-      <origin xyz="0 0 0" rpy="0 0 0"/>
-      <material name="Neutral"/>
-      <look name="Yellow"/>
-      <mass value="{subject.mass:.10g}"/>
-      <inertia xyz="{inertia:.10g} {inertia:.10g} {inertia:.10g}"/>
-      <cg xyz="0 0 0" rpy="0 0 0"/>
-      <hydrodynamics viscous_drag="0 0 {viscous_drag:.10g}" quadratic_drag="0 0 {quadratic_drag:.10g}"/>
-    </base_link>
-{thrusters}    <world_transform xyz="0 0 5" rpy="0 0 0"/>
-  </robot>
-</scenario>
-"""
+    return _TEXTS["scenario"].format(
+        mark=export_mark("stonefish"),
+        linear=linear,
+        cubic=cubic,
+        name=xml_attribute(subject.vehicle.name),
+        length=length,
+        width=width,
+        mass=subject.mass,
+        inertia=inertia,
+        viscous_drag=viscous_drag,
+        quadratic_drag=quadratic_drag,
+        thrusters=thrusters,
+    )
 
 
 def _thruster(curve: ThrusterCurve, table: ThrusterCurve, lag: float) -> str:
@@ -153,20 +149,13 @@ def _thruster(curve: ThrusterCurve, table: ThrusterCurve, lag: float) -> str:
     if lag > 0.0:
         rotor = f'<rotor_dynamics type="first_order"><time_constant value="{lag:.10g}"/></rotor_dynamics>'
     limit = float(np.max(np.abs(curve.command)))
-    return f"""    <!-- {curve_comment(table)} -->
-    <actuator name="{curve.identifier}" type="thruster">
-      <specs max_setpoint="{limit:.10g}" inverted_setpoint="false"/>
-      <propeller diameter="0.1" right="true">
-        <mesh filename="propeller.obj" scale="1"/>
-        <material name="Neutral"/>
-        <look name="Yellow"/>
-      </propeller>
-      {rotor}
-      <thrust_model type="linear_interpolation">
-        <input value="{number_list(curve.command)}"/>
-        <output value="{number_list(curve.thrust)}"/>
-      </thrust_model>
-      <origin xyz="{curve.side * curve.arm:.10g} 0 0" rpy="0 0 {curve.side * np.pi / 2.0:.16g}"/>
-      <link name="base_link"/>
-    </actuator>
-"""
+    return _TEXTS["thruster"].format(
+        comment=curve_comment(table),
+        name=curve.identifier,
+        limit=limit,
+        rotor=rotor,
+        commands=number_list(curve.command),
+        thrusts=number_list(curve.thrust),
+        place=curve.side * curve.arm,
+        direction=curve.side * np.pi / 2.0,
+    )

@@ -7,7 +7,7 @@ command (FirstOrder) in front of a conversion (LinearInterp). Axes are FLU, z up
 
 import math
 
-from rovid.core.formatting import identifiers
+from rovid.core.formatting import identifiers, text_templates
 from rovid.core.output_files import export_mark
 from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.gazebo import frame_notes
@@ -22,6 +22,8 @@ from rovid.export.thruster_curves import (
     thruster_inputs,
     thruster_lag,
 )
+
+_TEXTS = text_templates(__file__, "uuv")
 
 STEP = 0.002  # s, of uuv_simulator's worlds
 FILTER = 0.3
@@ -110,35 +112,17 @@ def xacro(
     """A robot ``name`` with ``masses``, kg and kg m^2 in yaw, 6 x 6 ``added`` mass, linear and quadratic damping."""
     mass, izz = masses
     linear, quadratic = drags
-    return f"""<?xml version="1.0"?>
-<!-- {export_mark("uuv")}. {title}. -->
-<robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">
-  <link name="{name}/base_link">
-    <inertial>
-      <mass value="{mass:.10g}"/>
-      <origin xyz="0 0 0" rpy="0 0 0"/>
-      <inertia ixx="{izz:.10g}" ixy="0" ixz="0" iyy="{izz:.10g}" iyz="0" izz="{izz:.10g}"/>
-    </inertial>
-  </link>
-  <gazebo>
-    <plugin name="{name}_uuv_plugin" filename="libuuv_underwater_object_ros_plugin.so">
-      <fluid_density>1025</fluid_density>
-      <flow_velocity_topic>hydrodynamics/current_velocity</flow_velocity_topic>
-      <link name="{name}/base_link">
-        <neutrally_buoyant>1</neutrally_buoyant>
-        <hydrodynamic_model>
-          <type>fossen</type>
-          <added_mass>
-{added}
-          </added_mass>
-          <linear_damping>{linear}</linear_damping>
-          <quadratic_damping>{quadratic}</quadratic_damping>
-        </hydrodynamic_model>
-      </link>
-    </plugin>
-  </gazebo>
-{thrusters}</robot>
-"""
+    return _TEXTS["robot"].format(
+        mark=export_mark("uuv"),
+        title=title,
+        name=name,
+        mass=mass,
+        izz=izz,
+        added=added,
+        linear=linear,
+        quadratic=quadratic,
+        thrusters=thrusters,
+    )
 
 
 def thruster_joint(
@@ -149,30 +133,14 @@ def thruster_joint(
     dynamics = "<type>ZeroOrder</type>"
     if lag > 0:
         dynamics = f"<type>FirstOrder</type><timeConstant>{lag:.10g}</timeConstant>"
-    return f"""  <!-- {curve_comment(table)} -->
-  <joint name="{link}_joint" type="continuous">
-    <origin xyz="{place}" rpy="0 0 {direction:.16g}"/>
-    <axis xyz="1 0 0"/>
-    <parent link="{name}/base_link"/>
-    <child link="{link}"/>
-  </joint>
-  <link name="{link}">
-    <inertial>
-      <mass value="0.001"/>
-      <inertia ixx="1e-6" ixy="0" ixz="0" iyy="1e-6" iyz="0" izz="1e-6"/>
-    </inertial>
-  </link>
-  <gazebo>
-    <plugin name="{name}_{index}_thruster_model" filename="libuuv_thruster_ros_plugin.so">
-      <linkName>{link}</linkName>
-      <jointName>{link}_joint</jointName>
-      <thrusterID>{index}</thrusterID>
-      <dynamics>{dynamics}</dynamics>
-      <conversion>
-        <type>LinearInterp</type>
-        <inputValues>{number_list(curve.command)}</inputValues>
-        <outputValues>{number_list(curve.thrust)}</outputValues>
-      </conversion>
-    </plugin>
-  </gazebo>
-"""
+    return _TEXTS["thruster"].format(
+        comment=curve_comment(table),
+        link=link,
+        place=place,
+        direction=direction,
+        name=name,
+        index=index,
+        dynamics=dynamics,
+        commands=number_list(curve.command),
+        thrusts=number_list(curve.thrust),
+    )
