@@ -134,18 +134,23 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     # simulates best are always followed.
     regressed = min(usable, key=lambda at: starts[at].residual)
     likely = min(range(len(starts)), key=lambda at: pairs[at][0].value(pairs[at][1]))
-    followed = [pairs[at] for at in dict.fromkeys([likely, regressed, *[len(pairs) - 1] * (data.prior is not None)])]
+    followed = [pairs[at] for at in dict.fromkeys([likely, regressed])]
     runs = None if yaw_only else FreeRuns.of(data, sizes)
     if runs is not None:
         likelihood, x = pairs[max(usable, key=lambda at: scores[at])]
         simulating = PlanarOptimum.fit(replace(likelihood, free_runs=runs), x, _START_ITERATIONS)
         followed.append((likelihood, simulating.x))
+    if data.prior is not None:
+        followed.append(pairs[-1])
     tried = [PlanarOptimum.fit(*one, _FIRST_ITERATIONS) for one in followed]
     best = min(tried, key=lambda one: one.value)
     _require_finite(best)
     if with_current:
         return best
-    return with_latencies(PlanarOptimum.fit(best.likelihood, best.x), data)
+    # The start by the prior has the other parameters of a regression: it takes more steps, so it is always completed.
+    ends = dict.fromkeys([best, tried[-1]] if data.prior is not None else [best])
+    complete = (PlanarOptimum.fit(one.likelihood, one.x) for one in ends)
+    return with_latencies(min(complete, key=lambda one: one.value), data)
 
 
 def _require_finite(best: PlanarOptimum) -> None:
