@@ -38,6 +38,9 @@ Moments = tuple[FloatArray, FloatArray, FloatArray]
 # mean square residual that it explains. Feedback and waves move the delay of undamaged logs by one sampling
 # interval and explain 8 % at most (60 campaigns).
 _MIN_OFFSET, _INTERVALS, _SIGNIFICANT, _EXPLAINED = 0.04, 2.0, 5.0, 0.2
+# Standard errors of a drift: the drift itself enlarges the errors in each half. The largest of 96 days on one clock,
+# with disturbances, delays and a weak direction, is 1.8, and 0.4 of the least offset.
+_DRIFTS = 3.0
 # Probability that a delay of joined files is an offset of their clocks: the logs do not show which.
 _RIVAL = 0.5
 
@@ -61,16 +64,19 @@ def shift_grid(runs: Sequence[Run]) -> tuple[int, int]:
     return step, step * max(round(longest / (step * kernel.period)), 1)
 
 
-def response_delay(runs: Sequence[Run], values: FloatArray | None = None) -> ResponseDelay | None:
+def response_delay(
+    runs: Sequence[Run], values: FloatArray | None = None, within: tuple[float, float] = (0.0, 1.0)
+) -> ResponseDelay | None:
     """The delay; None where the logs do not determine one within the range of the shifts.
 
-    ``values``: (p,) parameters of the regression if they are known; only the last one, the trim, is fitted then. One
-    sine alone determines no delay without them.
+    ``within``: shares of the length of each run, between which the delay is fitted. ``values``: (p,) parameters of the
+    regression if they are known; only the last one, the trim, is fitted then. One sine alone determines no delay
+    without them.
     """
     period = runs[0].rates.kernel.period
     step, reach = shift_grid(runs)
     stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
-    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period)]
+    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period, within)]
     if len(blocks) < _MIN_BLOCKS:
         return None
     xx, xt, tt, variation = (np.array(each) for each in zip(*blocks, strict=True))
@@ -131,7 +137,7 @@ def coarse_delays(runs: Sequence[Run]) -> dict[str, float]:
 
 
 def _blocks(
-    run: Run, reach: int, step: int, stride: int, period: float
+    run: Run, reach: int, step: int, stride: int, period: float, within: tuple[float, float] = (0.0, 1.0)
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, float]]:
     """(p, p), (p, m) and (m,) moments of regressors and of the torque at each of m shifts; its variation."""
     torque, rates = run.filtered_torque, run.rates
@@ -140,6 +146,8 @@ def _blocks(
         return
     windows = np.lib.stride_tricks.sliding_window_view(torque, 2 * reach + 1)[::stride, ::step]
     inside = np.arange(reach, count - reach)[::stride]
+    first, last = (int(share * len(inside)) for share in within)
+    windows, inside = windows[first:last], inside[first:last]
     known = rates.valid[inside] & np.isfinite(windows).all(axis=1)
     rate, position = rates.rate[inside], rates.position[inside]
     columns = [rates.acceleration[inside], np.abs(rate) * rate, rate]
@@ -192,6 +200,10 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     parts: dict[str, list[Run]] = {}
     for run in data.runs:
         parts.setdefault(log_name(run), []).append(run)
+    joined = all(run.trial.companion_files for run in data.runs)
+    if joined and (drift := _drift(data.runs)):
+        yield Detection(fault=drift)
+        return
     found = response_delay(data.runs) if data.runs else None
     if found is not None and _is_offset(-found.delay, found, data.runs):
         yield Detection(fault=_early_motion(tuple(parts), found))
@@ -203,9 +215,33 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         known, own = response_delay(runs, found.values), response_delay(runs)
         if known and own and all(_is_offset(-each.delay, each, runs) for each in (known, own)):
             yield Detection(fault=_early_motion((name,), own))
-    joined = all(run.trial.companion_files for run in data.runs)
     if joined and _is_offset(found.delay, found, data.runs):
         yield Detection(fault=_late_motion(tuple(parts), found))
+
+
+def _drift(runs: Sequence[Run]) -> Fault | None:
+    """A clock that runs fast or slow: the delay in the second half of the joined logs is not that in the first half."""
+    early, late = (response_delay(runs, within=half) for half in ((0.0, 0.5), (0.5, 1.0)))
+    if early is None or late is None:
+        return None
+    change, error = late.delay - early.delay, math.hypot(late.error, early.error)
+    explained = max(late.improvement, early.improvement)
+    if abs(change) < max(_shortest(runs), _DRIFTS * error) or explained < _EXPLAINED:
+        return None
+    # The shifts take their range from both ends.
+    margin = 2.0 * shift_grid(runs)[1] * runs[0].rates.kernel.period
+    apart = 0.5 * float(np.mean([run.trial.duration - margin for run in runs if run.trial.duration > margin]))
+    size, size_error = 1e6 * change / apart, 1e6 * error / apart
+    logs = tuple(dict.fromkeys(log_name(run) for run in runs))
+    text = (
+        f"{named(logs)}: the clocks of commands and motion drift apart by {plus_minus(size, size_error)} ppm. The "
+        f"motion comes {plus_minus(early.delay, early.error)} s after the commands in the first half of the logs and "
+        f"{plus_minus(late.delay, late.error)} s in the second. Record with one clock, or add {size:.0f} to the drift "
+        "of the file of the commands under [join] in rovid.toml."
+    )
+    return Fault(
+        fault="clocks_apart", logs=logs, text=text, size=size, standard_error=size_error, unit="ppm", stops=True
+    )
 
 
 def _early_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
@@ -231,18 +267,20 @@ def _fault(logs: Sequence[str], found: ResponseDelay, text: str) -> Fault:
 
 
 def _is_offset(offset: float, found: ResponseDelay, runs: Sequence[Run]) -> bool:
-    least = max(_MIN_OFFSET / runs[0].rates.kernel.cutoff, _least_offset(runs), _SIGNIFICANT * found.error)
-    return offset > least and found.improvement > _EXPLAINED
+    return offset > max(_shortest(runs), _SIGNIFICANT * found.error) and found.improvement > _EXPLAINED
 
 
-def _least_offset(runs: Sequence[Run]) -> float:
-    """s: intervals of the motion; in joined logs an interval of the commands, by which a change may be earlier."""
-    interval = float(max(run.trial.sampling_interval for run in runs))
+def _shortest(runs: Sequence[Run]) -> float:
+    """Smallest offset in s: a share of a period of the cut-off, and intervals of the motion.
+
+    In joined logs also an interval of the commands, by which a change may be earlier.
+    """
+    interval, least = float(max(run.trial.sampling_interval for run in runs)), _MIN_OFFSET / runs[0].rates.kernel.cutoff
     if not all(run.trial.companion_files for run in runs):
-        return _INTERVALS * interval
+        return max(least, _INTERVALS * interval)
     changes = [run.trial.time[1:][(np.diff(run.trial.commands, axis=0) != 0.0).any(axis=1)] for run in runs]
     steps = [float(np.percentile(np.diff(change), 5.0)) for change in changes if len(change) > 2]
-    return max(_INTERVALS * interval, interval + min(steps, default=interval))
+    return max(least, _INTERVALS * interval, interval + min(steps, default=interval))
 
 
 FAULT = FaultKind(

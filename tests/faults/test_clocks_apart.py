@@ -60,10 +60,26 @@ def test_one_clock_gives_nothing(vehicle: str, disturbance: float, seed: int) ->
     assert not faults([shifted(run, -5) for run in runs])
 
 
-def test_a_delay_of_joined_files_is_a_rival() -> None:
-    def joined(run: Run) -> Run:
-        return replace(run, trial=replace(run.trial, companion_files=(Path("thrusters.csv"),)))
+def joined(run: Run) -> Run:
+    return replace(run, trial=replace(run.trial, companion_files=(Path("thrusters.csv"),)))
 
+
+@pytest.mark.parametrize("ppm", [17_000.0, -17_000.0])
+def test_a_drift_between_joined_files_stops(ppm: float) -> None:
+    runs = []
+    for run in map(joined, day("large", 3)):
+        # The clock of the commands runs fast.
+        at = np.searchsorted(run.trial.time, (1.0 - 1e-6 * ppm) * run.trial.time, side="right") - 1
+        torque = run.torque[at]
+        runs.append(replace(run, torque=torque, filtered_torque=run.rates.filter_held(run.trial, torque)))
+    (fault,) = faults(runs)
+    assert (fault.stops, fault.unit) == (True, "ppm")
+    assert fault.size is not None
+    assert fault.standard_error is not None
+    assert abs(fault.size + ppm) < 4.0 * fault.standard_error
+
+
+def test_a_delay_of_joined_files_is_a_rival() -> None:
     runs = [joined(run) for run in day("large", 0)]
     assert not faults(runs)
     moving = [replace(run, trial=replace(run.trial, commands=run.torque[:, None])) for run in runs]
