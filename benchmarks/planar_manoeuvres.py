@@ -1,108 +1,154 @@
 """Tankers of the MMG model: do 10 deg zigzags predict the overshoots of 20 deg zigzags and the 35 deg turning circle?
 
-Run ``python -m benchmarks.planar_manoeuvres --seed 1 --count 3``. tools/planar draws tankers near KVLCC2. rovid learns
-on six zigzags of 10 deg, from heading, yaw rate and both speeds, and simulates the other manoeuvres freely under the
-logged propeller and rudder. An overshoot counts from the rudder's reversal to the next extreme of the heading.
+Run ``python -m benchmarks.planar_manoeuvres --seed 1 --count 3``. tools/planar draws tankers near KVLCC2. The logs are
+those of free-running model tests: time, position, heading, speeds, yaw rate, rudder angle and propeller speed. rovid
+fits four zigzags of 10 deg by its command line; its standard manoeuvres are compared with those of the tanker.
 """
-
-from __future__ import annotations
 
 import argparse
 import json
+import math
+import os
 import statistics
+import subprocess
+import sys
 import tempfile
-from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.catalogue import effect_named
-from rovid.planar.dataset import PlanarData, planar_data
-from rovid.planar.fit import fit_planar
-from rovid.planar.free_runs import simulate_planar
-from rovid.readers.campaign import read_campaign
-from rovid.trial.config import load_planar_config
-from tools.planar import Campaign, draw, simulated, write_campaign
+from tools.planar import Campaign, draw, simulated
 from tools.planar.campaign import Run
 
-SENSORS = ("compass", "gyro", "dvl", "mocap")
-LEARN = ("ship zigzag 10",) * 6
-PREDICT = ("ship zigzag 20", "ship zigzag 20", "ship turn 35", "ship turn 35")
-# The hull's lift and the damping that grows with the speed, which the derivatives of a ship are.
-EFFECTS = ("sway_yaw_damping:lift", "speed_dependent_damping:planar")
+LEARN = ("ship zigzag 10",) * 4
+# Each with the rudder to starboard or to port first, as drawn.
+PREDICT = (*("ship zigzag 20",) * 4, *("ship turn 35",) * 4)
+# Standard deviations at a level of 1: position in lengths, heading and rate in deg and deg/s, speeds in full speeds.
+NOISE = (0.001, 0.03, 0.02, 0.002)
+COLUMNS = ("time", "x", "y", "psi", "u", "v", "r", "delta", "rpm")
+TOML = """[vehicle]
+mass = {mass:.5g}
+length = {length:.4g}
+width = {width:.4g}
+
+[[thrusters]]
+name = "propeller"
+surge = 1.0
+curve = "curve.csv"
+command = {{ csv = "rpm" }}
+
+[[rudders]]
+name = "rudder"
+position = [{place:.5g}, 0.0]
+behind = "propeller"
+area = {area:.4g}
+angle = {{ csv = "delta", unit = "deg" }}
+
+[signals]
+time = {{ csv = "time" }}
+north = {{ csv = "x" }}
+east = {{ csv = "y" }}
+heading = {{ csv = "psi", unit = "deg" }}
+surge_velocity = {{ csv = "u" }}
+sway_velocity = {{ csv = "v" }}
+yaw_rate = {{ csv = "r", unit = "deg/s" }}
+"""
 
 
-def read(folder: Path) -> PlanarData:
-    config = load_planar_config(folder / "rovid.toml")
-    return planar_data(read_campaign([folder], config), config.vehicle)
+def states(campaign: Campaign, run: Run, rate: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n,) s, (n, 6) true states and (n, 2) commands at a ``rate`` in Hz."""
+    known = run.stamps[0] - campaign.sensors[0].latency
+    time = np.arange(math.ceil(known[0] * rate), math.floor(known[-1] * rate)) / rate
+    truth = np.column_stack([np.interp(time, known, column) for column in run.truth[0].T])
+    sent = run.sent - run.before
+    return time, truth, np.column_stack([np.interp(time, sent, column) for column in run.commands.T])
 
 
-def overshoots(time: FloatArray, heading: FloatArray, reversals: FloatArray) -> list[float]:
-    """Change of the heading (deg) from each reversal of the rudder to the extreme before the next one."""
-    found = []
-    for begin, end in pairwise(reversals):
-        inside = heading[(time >= begin) & (time <= end)]
-        away = np.degrees(inside - np.interp(begin, time, heading))
-        found.append(float(max(away.max(), -away.min()) if abs(away[-1]) < 1e-9 else _first_extreme(away)))
-    return found
+def write(folder: Path, campaign: Campaign, rate: float, level: float) -> None:
+    """Logs, propeller curve and rovid.toml in a ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    vehicle = campaign.vehicle
+    rudder = vehicle.actuators[1]
+    sizes = {"mass": vehicle.mass, "length": vehicle.length, "width": vehicle.width}
+    (folder / "rovid.toml").write_text(TOML.format(**sizes, place=rudder.x, area=rudder.area), encoding="utf-8")
+    curve = np.column_stack((vehicle.commands[0], vehicle.thrusts[0]))
+    np.savetxt(folder / "curve.csv", curve, delimiter=",", header="command,thrust_N", comments="")
+    place, heading, turn, speed = NOISE
+    noise = np.array([place * vehicle.length] * 2 + [heading] + [speed * vehicle.full[0]] * 2 + [turn])
+    for number, run in enumerate(campaign.runs):
+        time, truth, commands = states(campaign, run, rate)
+        truth[:, [2, 5]] = np.degrees(truth[:, [2, 5]])
+        rng = np.random.default_rng([campaign.seed, campaign.index, number, 5])
+        rows = np.column_stack((time, truth + level * noise * rng.normal(size=truth.shape), commands[:, ::-1]))
+        text = {"delimiter": ",", "header": ",".join(COLUMNS), "comments": "", "fmt": "%.5f"}
+        np.savetxt(folder / f"zigzag_{number + 1}.csv", rows, **text)
 
 
-def _first_extreme(away: FloatArray) -> float:
-    """Size of the swing against the direction in which the heading ends."""
-    return float(away.max() if away[-1] < 0.0 else -away.min())
+def overshoots(heading: FloatArray, threshold: float) -> list[float]:
+    """First and second overshoot angle in deg of a zigzag of (n,) headings in rad."""
+    turned = np.degrees(heading - heading[0])
+    rate = np.diff(turned)
+    tops = np.flatnonzero((rate[1:] * rate[:-1] <= 0.0) & (rate[:-1] != 0.0)) + 1
+    return [abs(float(turned[at])) - threshold for at in tops if abs(turned[at]) > threshold][:2]
 
 
-def circle(heading: FloatArray, north: FloatArray, east: FloatArray) -> tuple[float, float]:
-    """Advance and tactical diameter (m) of a turn from the start, with the first heading straight ahead."""
+def circle(track: FloatArray) -> tuple[float, float]:
+    """Advance and tactical diameter in m of a turn of (n, 6) states from its start."""
+    north, east, heading = track[:, 0] - track[0, 0], track[:, 1] - track[0, 1], track[:, 2]
     turned = np.abs(heading - heading[0])
-    along = (north - north[0]) * np.cos(heading[0]) + (east - east[0]) * np.sin(heading[0])
-    across = -(north - north[0]) * np.sin(heading[0]) + (east - east[0]) * np.cos(heading[0])
+    along = north * np.cos(heading[0]) + east * np.sin(heading[0])
+    across = east * np.cos(heading[0]) - north * np.sin(heading[0])
     return float(along[np.argmax(turned > 0.5 * np.pi)]), float(abs(across[np.argmax(turned > np.pi)]))
 
 
-def reversals_of(run: Run) -> FloatArray:
-    """Instants (s of the log) at which the rudder's order changes its sign, after the first."""
-    rudder = run.commands[:, 1]
-    turned = np.flatnonzero((np.diff(np.sign(np.diff(rudder))) != 0.0) & (np.abs(rudder[1:-1]) > 0.0)) + 1
-    moves = np.diff(rudder)
-    starts = [k for k in turned if moves[k] * rudder[k] < 0.0]
-    at: FloatArray = run.sent[starts] - run.before
-    return at
+def true_measures(seed: int, index: int) -> dict[str, float]:
+    """Measures of a tanker in still water by name in ``standard_manoeuvres``; means over the drawn thrusts."""
+    campaign = simulated(draw(seed, index, "none", "tanker", kinds=PREDICT, sensors=("compass",)), still=True)
+    found: dict[str, list[float]] = {}
+    for run in campaign.runs:
+        _, track, commands = states(campaign, run, 20.0)
+        side = float(np.sign(commands[np.argmax(np.abs(commands[:, 1]) > 1.0), 1]))
+        if run.kind.startswith("ship zigzag") and side > 0.0:
+            for name, value in zip(("first", "second"), overshoots(track[:, 2], 20.0), strict=False):
+                found.setdefault(f"zigzag_20.{name}_overshoot", []).append(math.radians(value))
+        elif run.kind.startswith("ship turn"):
+            way = "starboard" if side > 0.0 else "port"
+            for name, value in zip(("advance", "tactical_diameter"), circle(track), strict=True):
+                found.setdefault(f"circle_{way}.{name}", []).append(value)
+    return {name: statistics.mean(values) for name, values in found.items()}
 
 
-def judged(seed: int, index: int, effects: tuple[str, ...]) -> dict[str, object]:
-    """Errors of one tanker: overshoots in deg, advance and diameter in per cent."""
-    learn = draw(seed, index, "none", "tanker", kinds=LEARN, sensors=SENSORS[:3])
-    # What a disturbance does to these runs cannot be predicted.
-    other = simulated(draw(seed, index, "none", "tanker", kinds=PREDICT, sensors=SENSORS), still=True)
+def answer(folder: Path) -> dict[str, Any]:
+    """Document of ``rovid fit --axes planar``."""
+    command = [sys.executable, "-m", "rovid", "fit", str(folder), "--axes", "planar", "--json"]
+    command += ["-p", str(folder / "parameters.toml")]
+    slow = os.environ | {"ROVID_BUDGET": "3600"}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=slow)
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def judged(seed: int, index: int, level: float, rate: float, keep: Path | None) -> dict[str, Any]:
+    """Predicted and true measures of one tanker with their errors: deg of overshoots, % of lengths."""
+    learn = draw(seed, index, "none", "tanker", kinds=LEARN, sensors=("compass",))
+    true = true_measures(seed, index)
     with tempfile.TemporaryDirectory() as room:
-        for name, campaign in (("learn", learn), ("predict", other)):
-            write_campaign(Path(room) / name, campaign)
-        fit = fit_planar(read(Path(room) / "learn"), [effect_named(name) for name in effects])
-        data = read(Path(room) / "predict")
-    return {
-        "seed": seed, "index": index, "length": other.vehicle.length, "effects": list(effects),
-        **_errors(other, [(run.time, simulate_planar(fit.model, run)) for run in data.runs]),
-        "undetermined": [one.text for one in fit.undetermined], "free_run_r2": dict(fit.free_run_r2),
-    }  # fmt: skip
-
-
-def _errors(campaign: Campaign, motions: list[tuple[FloatArray, object]]) -> dict[str, list[float]]:
-    errors: dict[str, list[float]] = {"overshoot_deg": [], "advance_percent": [], "diameter_percent": []}
-    for run, (time, motion) in zip(campaign.runs, motions, strict=True):
-        heading = np.asarray(motion.heading)  # type: ignore[attr-defined]  # a PlanarMotion
-        if run.kind.startswith("ship zigzag"):
-            reversals = reversals_of(run)
-            true = overshoots(run.stamps[0] - campaign.sensors[0].latency, run.truth[0][:, 2], reversals)
-            errors["overshoot_deg"] += [a - b for a, b in zip(overshoots(time, heading, reversals), true, strict=True)]
-        else:
-            track = run.truth[SENSORS.index("mocap")]
-            true_circle = circle(track[:, 2], track[:, 0], track[:, 1])
-            found = circle(heading, np.asarray(motion.north), np.asarray(motion.east))  # type: ignore[attr-defined]
-            for name, a, b in zip(("advance_percent", "diameter_percent"), found, true_circle, strict=True):
-                errors[name].append(100.0 * (a / b - 1.0))
-    return errors
+        folder = (keep or Path(room)) / f"tanker_{seed}_{index}_{level:g}"
+        write(folder, learn, rate, level)
+        document = answer(folder)
+    rows = {}
+    for name, value in true.items():
+        one = document["standard_manoeuvres"].get(name)
+        if one is None:
+            rows[name] = {"true": value, "error": None, "inside": True}
+            continue
+        scale = math.degrees(1.0) if "overshoot" in name else 100.0 / value
+        error, spread = scale * (one["value"] - value), scale * (one["standard_error"] or math.inf)
+        rows[name] = {"true": value, "error": error, "standard_error": spread, "inside": abs(error) <= 1.96 * spread}
+    kept = {key: document[key] for key in ("criterion", "free_run_r2", "effects")}
+    return {"seed": seed, "index": index, "level": level, "measures": rows, **kept}
 
 
 def main() -> None:
@@ -110,19 +156,22 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--start", type=int, default=0)
     parser.add_argument("--count", type=int, default=3)
-    parser.add_argument("--effects", nargs="*", default=list(EFFECTS))
+    parser.add_argument("--levels", type=float, nargs="*", default=[1.0, 4.0], help="noise of the sensors")
+    parser.add_argument("--rate", type=float, default=4.0, help="Hz")
+    parser.add_argument("--keep", type=Path, help="folder to leave the logs in")
     options = parser.parse_args()
-    pooled: dict[str, list[float]] = {}
+    pooled: dict[str, list[bool]] = {}
     for index in range(options.start, options.start + options.count):
-        result = judged(options.seed, index, tuple(options.effects))
-        print(json.dumps(result), flush=True)
-        for name, limit in (("overshoot_deg", 2.0), ("advance_percent", 7.0), ("diameter_percent", 7.0)):
-            values = result[name]
-            assert isinstance(values, list)
-            pooled.setdefault(f"{name} within {limit:.0f}", []).extend(abs(value) <= limit for value in values)
-            pooled.setdefault(name, []).extend(abs(value) for value in values)
+        for level in options.levels:
+            result = judged(options.seed, index, level, options.rate, options.keep)
+            print(json.dumps(result), flush=True)
+            for name, one in result["measures"].items():
+                limit = 2.0 if "overshoot" in name else 7.0
+                within = one["error"] is not None and abs(one["error"]) <= limit
+                pooled.setdefault(f"{name} within {limit:.0f}", []).append(within)
+                pooled.setdefault(f"{name} inside its interval", []).append(one["inside"])
     for name, values in pooled.items():
-        print(f"{name}: {statistics.mean(values):.2f} of {len(values)}")
+        print(f"{name}: {sum(values)} of {len(values)}")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Cross-flow drag along the hull, whose sides move at different speeds in a turn."""
 
+import math
 from dataclasses import replace
 
 from rovid.effects.base import Coupling, Effect, EffectParameter, Numbers, compiled
@@ -41,6 +42,23 @@ def strip_forces(u: float, v: float, r: float, p: Numbers) -> tuple[float, float
     side -= 2.0 * half * abs(v) * v
     turning -= 0.5 * half**4 * abs(r) * r
     return 0.0, -p[0] * side, -p[0] * turning
+
+
+@compiled
+def ship_forces(u: float, v: float, r: float, p: Numbers) -> tuple[float, float, float]:
+    """Forces of third order in drift and turn of a full hull that moves ahead, with l = ``p[1]`` m.
+
+    Source: Yasukawa and Yoshimura 2015, equation 8; the numbers are rounded ones between those of its tanker, table 3,
+    and the regressions of Yoshimura and Masumoto 2012 for block coefficients of 0.8. They are derivatives by v/V and
+    r l/V in units of half the density times d l V^2: ``p[0]`` is half the density times the draught d.
+    """
+    speed, rate = math.sqrt(u * u + v * v), r * p[1]
+    if not speed > 0.0:
+        return 0.0, 0.0, 0.0
+    unit = p[0] * p[1] / speed
+    side = (-1.5 * v * v + 0.4 * v * rate - 0.38 * rate * rate) * v
+    turning = (-0.03 * v * v - 0.33 * v * rate + 0.07 * rate * rate) * v - 0.015 * rate * rate * rate
+    return unit * 0.7 * v * v * v * v / speed, unit * side, unit * p[1] * turning
 
 
 EFFECT: Effect = Effect(
@@ -89,5 +107,14 @@ PLANAR_FORMS: tuple[Effect, ...] = (
         "x from a − l/2 to a + l/2",
         fingerprint="as of the plain form, and a torque in a pure drift",
         acts=Coupling(off_centre_forces),
+    ),
+    replace(
+        EFFECT,
+        form="ship",
+        equation="X + 0.7·c·l·v⁴/V², Y − c·l·(1.5·v² − 0.4·v·q + 0.38·q²)·v/V, "
+        "N − c·l²·(0.03·v³ + 0.33·v²·q − 0.07·v·q² + 0.015·q³)/V, q = r·l, V = √(u² + v²)",
+        fingerprint="as of the plain form, of third order: next to nothing at small drift, large in a tight turn",
+        experiment="turning circles with large rudder angles, next to zigzags with small ones",
+        acts=Coupling(ship_forces),
     ),
 )

@@ -26,6 +26,8 @@ _YAW_DAMPING = {"drag_curvature": "{cubic!r}*r*r"}
 _YAW_FACTORS = {"drag_asymmetry": "(1 + ({ratio!r} - 1)*(r < 0))"}
 _YAW_TORQUES = {"bias_torque": "{torque!r}", "tether_torsion": "-{stiffness!r}*psi"}
 _TEXTS = text_templates(__file__, "mss")
+# Forms of the strip integral.
+_STRIP_FORMS = {"cross_flow_drag", "cross_flow_drag:off_centre"}
 _LETTERS, _SPEEDS = "XYN", "uvr"
 _NOTES = (
     "Axes are NED and names of SNAME, as in MSS: no sign changes.",
@@ -113,7 +115,7 @@ def export_planar(subject: PlanarInput) -> PlanarExportResult:
     strips = [
         _TEXTS["strips"].format(**({"centre": 0.0} | dict(values)))
         for key, values in subject.effects.items()
-        if key.startswith("cross_flow_drag")
+        if key in _STRIP_FORMS
     ]
     arms = [f"levers {a:.10g} ahead, {b:.10g} to starboard, {c:.10g} m in yaw" for a, b, c in levers]
     content = _head(
@@ -142,7 +144,7 @@ def export_planar(subject: PlanarInput) -> PlanarExportResult:
         return np.asarray(states[:, [5, 0, 1, 2]])
 
     others = {"current", "bias_torque:planar", "speed_dependent_damping:planar_quadratic"}
-    kept = {key for key in subject.effects if key in others or key.startswith("cross_flow_drag")}
+    kept = {key for key in subject.effects if key in others or key in _STRIP_FORMS}
     return PlanarExportResult(
         content=content,
         equation=own_equation(subject, STEP),

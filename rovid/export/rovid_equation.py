@@ -275,6 +275,8 @@ def _rudders(subject: PlanarInput) -> list[dict[str, Any]]:
             "lift": one.lift,
             "slipstream": one.slipstream,
             "stall": one.stall,
+            "straightening": 1.0 if one.straightening is None else one.straightening,
+            "asymmetry": one.asymmetry,
         }
         for one, known in zip(subject.model.rudders, subject.actuators.rudders, strict=True)
     ]

@@ -22,6 +22,8 @@ _INERTIA_RANGE = np.array([3.4, 1.7, 1.7, 3.0])
 _DISTURBANCE_RANGE, _FIRST_DISTURBANCE = 9.0, 0.7
 # Bounds of the disturbance's correlation time in time constants, and its start.
 _MEMORY_BOUNDS, _FIRST_MEMORY = (0.05, 100.0), 1.0
+# Least and largest straightening of the flow at a rudder and its asymmetry, by published ones of ships; starts.
+_STRAIGHTENING, _STRAIGHT = ((0.25, -0.5), (0.8, 0.5)), (0.5, 0.0)
 # Range of the log noise of a sensor about its start.
 _NOISE_RANGE = 4.0
 # Least noise of a heading in rad: an instrument resolves no more.
@@ -82,6 +84,8 @@ class PlanarCoordinates:
             units += [float(max(sizes.force[1], sizes.force[2] / arm) / sizes.speed[0] ** 2), rudder.slipstream or 1.0]
             free = 1e3 if rudder.slipstream > 0.0 else 0.0
             low, high = [*low, 0.0, 0.0], [*high, np.inf, free]
+            if rudder.straightening is not None:
+                units, low, high = [*units, 1.0, 1.0], [*low, *_STRAIGHTENING[0]], [*high, *_STRAIGHTENING[1]]
         for parameter in _parameters(effects):
             units.append(sizes.effects.unit_size(parameter))
             low.append(parameter.low)
@@ -162,6 +166,25 @@ class PlanarCoordinates:
             high=np.insert(self.high, at, high),
         )
 
+    def straightened(self, x: FloatArray) -> tuple[Self, FloatArray]:
+        """The same coordinates with the straightening of the flow at each rudder, and ``x`` at its usual value."""
+        at = np.repeat(BASE_COUNT + 2 * np.arange(1, len(self.rudders) + 1), 2)
+        rudders = tuple(replace(one, straightening=_STRAIGHT[0]) for one in self.rudders)
+
+        def longer(values: FloatArray, own: tuple[float, float]) -> FloatArray:
+            return np.insert(values, at, np.tile(own, len(rudders)))
+
+        low, high = (longer(*one) for one in zip(self.bounds, _STRAIGHTENING, strict=True))
+        found = replace(self, rudders=rudders, units=longer(self.units, (1.0, 1.0)), low=low, high=high)
+        return found, longer(x, _STRAIGHT)
+
+    def bounded(self, limits: Mapping[int, tuple[float, float]]) -> Self:
+        """The same coordinates with some of them within other ``limits``; equal ones hold a coordinate."""
+        low, high = self.low.copy(), self.high.copy()
+        for at, pair in limits.items():
+            low[at], high[at] = pair
+        return replace(self, low=low, high=high)
+
     def with_limit(self, limit: float) -> Self:
         """The same coordinates with disturbances of at most ``limit`` times the usual forces."""
         high, at = self.high.copy(), self.noise_begin
@@ -178,7 +201,7 @@ class PlanarCoordinates:
     @cached_property
     def effects_begin(self) -> int:
         """Number of coordinates before those of effects."""
-        return BASE_COUNT + 2 * len(self.rudders)
+        return BASE_COUNT + sum(len(rudder.parts) for rudder in self.rudders)
 
     @cached_property
     def noise_begin(self) -> int:
@@ -197,9 +220,7 @@ class PlanarCoordinates:
 
     def initial(self, start: PlanarModel, effect_values: Sequence[FloatArray]) -> FloatArray:
         """(p,) coordinates of ``start`` with the ``effect_values`` in SI, and the first disturbance and noise."""
-        values = np.concatenate(
-            (start.base[4:], *[[one.lift, one.slipstream] for one in start.rudders], *effect_values)
-        )
+        values = np.concatenate((start.base[4:], *[one.values for one in start.rudders], *effect_values))
         drag = values / self.units[4 : self.noise_begin]
         tops = self.high[self.noise_begin : self.noise_begin + 3] - _FIRST_DISTURBANCE
         times = np.log(_FIRST_MEMORY * self.sizes.time)
@@ -263,7 +284,7 @@ class PlanarCoordinates:
                     excess = 0.5 * (total - math.copysign(most, total))
                     x[at] -= excess / self.units[at]
                     x[at + 1] -= excess / self.units[at + 1]
-            if effect.id == "cross_flow_drag":
+            if effect.id == "cross_flow_drag" and effect.form != "ship":
                 length, centre = max(values[at + 1], 1e-9), values[at + 2] if effect.form else 0.0
                 bow, stern = centre + 0.5 * length, centre - 0.5 * length
                 most = min(values[8] / length, 4.0 * values[9] / (abs(bow) * bow**3 - abs(stern) * stern**3))

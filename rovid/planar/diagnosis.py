@@ -68,17 +68,18 @@ def diagnose_planar(
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
     report("Fitting surge, sway and yaw together …")
     try:
-        base = with_hull_lift(fit_base(data))
+        base = with_hull_lift(fit_base(data), data)
     except DataError as error:
         return PlanarDiagnosis(verdict="too_little_data", missing=str(error))
     parts = Parts(data, base)
     if missing := _too_short(data, parts, base):
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
     search, model = _searched(data, base, own)
-    if not model.is_multi_step and better_simulating(model, data).is_multi_step:
+    simulating = better_simulating(model, data)
+    if simulating.is_multi_step and not model.is_multi_step:
         # The likelihood does not hold for any model of the search: free-running simulations decide.
         report("Fitting free-running simulations …")
-        base = fit_free_runs(base, data)
+        base = fit_free_runs(base, data) if search.causes(model) else replace(simulating, likeliest=None)
         parts = Parts(data, base)
         search, model = _searched(data, base, own)
     report("Validating on held-out parts …")

@@ -1,7 +1,7 @@
 """Effects that the planar model can hold, and its fits with further ones."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,29 +10,86 @@ from rovid.core.errors import DataError
 from rovid.effects import PLANAR_FORMS, Effect, effect_named, forms_for
 from rovid.effects.base import Coupling, OnCommand, OnThrust, OnTorque, WaterCurrent
 from rovid.planar.dataset import PlanarData
+from rovid.planar.free_runs import FreeRuns
+from rovid.planar.likelihood import PlanarLikelihood
+from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import start_values
 
 # Effects that a vehicle with a rudder is likely to have, because its hull moves ahead: lift in proportion to the speed
 # (Fossen 2011, section 6.4.2). Least gain in nats beyond the BIC penalty for which they are part of the base model.
 HULL_LIFT, _LIFT_GAIN = ("sway_yaw_damping:lift", "speed_dependent_damping:planar"), 10.0
+# Steps of the fits of a hull: by simulations, then by the filter.
+_SIMULATED, _FILTERED = 30, 15
+# Places of the linear and quadratic drags of sway and yaw among the coordinates.
+_ACROSS = (5, 6, 8, 9)
+# Forces of third order of a ship's hull, and the usual mass over density, squared length and half the draught.
+SHIP, _SHIP_MASS = "cross_flow_drag:ship", 0.31
+# Largest and standard relative error of these forces, by the scatter of published derivatives between tankers.
+_SHAPE_ERROR = 0.25
+SHIP_WARNING = (
+    "The forces of third order of the hull have the shape of published tankers, with an error of "
+    f"{100 * _SHAPE_ERROR:.0f} %. Turns that are much tighter than those in the logs depend on them."
+)
 
 
-def with_hull_lift(best: PlanarOptimum) -> PlanarOptimum:
-    """The model with the lift of the hull, for a vehicle with a rudder and where the lift shows; else ``best``."""
+def with_hull_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
+    """The model with the lift of the hull, or of a ship, for a vehicle with a rudder where it shows; else ``best``."""
     if not best.coordinates.rudders or best.likelihood.grid.yaw_only:
         return best
     coordinates, x = best.coordinates, best.x
     for effect in map(effect_named, HULL_LIFT):
         x = np.insert(x, coordinates.noise_begin, np.zeros(len(effect.parameters)))
         coordinates = coordinates.with_effect(effect)
-    found = PlanarOptimum.fit(best.likelihood.with_coordinates(coordinates), x)
-    penalty = (
-        0.5
-        * math.log(float(best.likelihood.grid.used.sum()))
-        * (coordinates.noise_begin - best.coordinates.noise_begin)
-    )
-    return found if best.value - found.value > penalty + _LIFT_GAIN else best
+    runs = FreeRuns.of(data, coordinates.sizes)
+    found = _fitted(best.likelihood.with_coordinates(coordinates), runs, x)
+    penalty = 0.5 * math.log(float(best.likelihood.grid.used.sum()))
+
+    def score(one: PlanarOptimum) -> float:
+        size = one.value + penalty * np.count_nonzero(one.likelihood.free)
+        return float(size if one is best else size + _LIFT_GAIN)
+
+    return min((best, found, _as_ship(found, runs)), key=score)
+
+
+def _fitted(likelihood: PlanarLikelihood, runs: FreeRuns | None, x: FloatArray) -> PlanarOptimum:
+    """The likeliest model near the one that simulates the ``runs`` best: simulations are cheaper than the filter."""
+    if runs is not None:
+        x = PlanarOptimum.fit(replace(likelihood, free_runs=runs), x, _SIMULATED).x
+    return PlanarOptimum.fit(likelihood, x, _FILTERED)
+
+
+def _as_ship(lifted: PlanarOptimum, runs: FreeRuns | None) -> PlanarOptimum:
+    """The fit of a ship's model, from that with the lift of the hull.
+
+    The hull has damping in proportion to its speed, and the forces of third order of `cross_flow_drag:ship` in place of
+    its quadratic drags across the flow. The flow at the rudders is straightened.
+    """
+    begin, base = lifted.coordinates.effects_begin, lifted.model.base
+    coordinates, x = lifted.coordinates.straightened(lifted.x)
+    begin += len(x) - len(lifted.x)
+    # The linear drags at the usual speed, as damping in proportion to it.
+    of_speed = base[[6, 5]] / float(coordinates.sizes.speed[0])
+    x[begin + 2 : begin + 4] += of_speed / coordinates.units[begin + 2 : begin + 4]
+    length = 2.0 * max(abs(one.position[0]) for one in coordinates.rudders)
+    at = coordinates.noise_begin
+    coordinates = coordinates.with_effect(effect_named(SHIP))
+    own = np.array([base[0] / (_SHIP_MASS * length**2), length]) / coordinates.units[at : at + 2]
+    usual, given = own.tolist()
+    limits = {at: ((1.0 - _SHAPE_ERROR) * usual, (1.0 + _SHAPE_ERROR) * usual), at + 1: (given, given)}
+    coordinates = coordinates.bounded(limits | dict.fromkeys(_ACROSS, (0.0, 0.0)))
+    return _fitted(lifted.likelihood.with_coordinates(coordinates), runs, np.insert(x, at, own))
+
+
+def with_shape_error(model: PlanarModel, covariance: FloatArray) -> FloatArray:
+    """(q, q) ``covariance`` of a ship's model in which the error of the forces of third order is that of their shape.
+
+    The other parameters follow the coefficient as they do in the ``covariance``: the motion in the runs stays the same.
+    """
+    at = model.names.index(f"{SHIP}.coefficient")
+    variance = max(float(covariance[at, at]), 1e-300)
+    along = covariance[:, at] / variance
+    return np.asarray(covariance + ((_SHAPE_ERROR * model.values[at]) ** 2 - variance) * np.outer(along, along))
 
 
 def add_effect(base: PlanarOptimum, effect: Effect, data: PlanarData) -> PlanarOptimum:
@@ -78,7 +135,8 @@ def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
     actuators = [form for form in acting if isinstance(form.acts, OnCommand | OnThrust | OnTorque)]
     if not {"surge_velocity", "sway_velocity", "north", "east"} & set(data.sensors):
         return tuple(actuators)
-    return (*PLANAR_FORMS, *actuators)
+    is_ship = bool(data.actuators.rudders)
+    return (*(form for form in PLANAR_FORMS if is_ship or form.key != SHIP), *actuators)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rovid.effects.bias_torque import planar_forces
-from rovid.effects.cross_flow_drag import off_centre_forces, strip_forces
+from rovid.effects.cross_flow_drag import off_centre_forces, ship_forces, strip_forces
 from rovid.effects.speed_dependent_damping import coupled_forces, coupled_quadratic_forces
 from rovid.effects.sway_yaw_damping import lift_forces, linear_forces
 from rovid.jit.decorators import compiled
@@ -29,6 +29,7 @@ _LINEAR = COUPLING_INDEX["sway_yaw_damping"]
 _LIFT = COUPLING_INDEX["sway_yaw_damping:lift"]
 _STRIPS = COUPLING_INDEX["cross_flow_drag"]
 _OFF_CENTRE = COUPLING_INDEX["cross_flow_drag:off_centre"]
+_SHIP = COUPLING_INDEX["cross_flow_drag:ship"]
 _SPEED = COUPLING_INDEX["speed_dependent_damping:planar"]
 _SPEED_SQUARED = COUPLING_INDEX["speed_dependent_damping:planar_quadratic"]
 _BIAS = COUPLING_INDEX["bias_torque:planar"]
@@ -69,6 +70,9 @@ def coupling_forces(c: Any, held: Any, u: float, v: float, r: float) -> tuple[fl
     if c[_OFF_CENTRE] != 0.0:
         fx, fy, fn = off_centre_forces(u, v, r, c[_OFF_CENTRE : _OFF_CENTRE + 3])
         x, y, n = x + fx, y + fy, n + fn
+    if c[_SHIP] != 0.0:
+        fx, fy, fn = ship_forces(u, v, r, c[_SHIP : _SHIP + 2])
+        x, y, n = x + fx, y + fy, n + fn
     if c[_SPEED] != 0.0 or c[_SPEED + 1] != 0.0:
         fx, fy, fn = coupled_forces(u, v, r, c[_SPEED : _SPEED + 2])
         x, y, n = x + fx, y + fy, n + fn
@@ -89,6 +93,7 @@ def coupling_forces(c: Any, held: Any, u: float, v: float, r: float) -> tuple[fl
 def _rudder_forces(p: Any, angle: float, thrust: float, u: float, v: float, r: float) -> tuple[float, float, float]:
     """Forces of a rudder at ``angle`` in rad behind ``thrust`` in N (Fossen 2011, section 9.5)."""
     along, across = u - p[1] * r, v + p[0] * r
+    across *= p[5] * (1.0 + p[6] if across > 0.0 else 1.0 - p[6])
     ahead = along * abs(along) + p[4] * max(thrust, 0.0)
     sign = 1.0 if ahead >= 0.0 else -1.0
     attack = sign * angle + math.atan2(across, math.sqrt(abs(ahead)))

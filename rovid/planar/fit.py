@@ -11,13 +11,13 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import significant
-from rovid.effects import Effect, effect_named
+from rovid.effects import Effect
 from rovid.effects.base import WaterCurrent
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
 from rovid.planar.coordinates import PlanarCoordinates, Undetermined, undetermined_directions
 from rovid.planar.dataset import PlanarData, measured_axes
-from rovid.planar.effect_fits import HULL_LIFT, add_effect, with_hull_lift
+from rovid.planar.effect_fits import SHIP, SHIP_WARNING, add_effect, with_hull_lift, with_shape_error
 from rovid.planar.free_runs import FreeRuns, better_simulating, free_run_r2, mean_free_run_r2
 from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME
 from rovid.planar.likelihood import PlanarLikelihood
@@ -80,10 +80,7 @@ class PlanarFit:
 def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
     """Estimate the base model and ``effects`` from the innovations of an extended Kalman filter.
 
-    Raises
-    ------
-    DataError
-        The runs are too short, nothing moves, or no sensor measures what an effect needs.
+    Raises DataError if the runs are too short, nothing moves, or no sensor measures what an effect needs.
     """
     return planar_result(data, fit_all_readings(data, effects))
 
@@ -95,10 +92,9 @@ def fit_all_readings(data: PlanarData, effects: Sequence[Effect] = ()) -> Planar
     # Without its current a vehicle has no model worth extending.
     for effect in currents:
         best = add_effect(best, effect, data)
-    if not {effect_named(key).id for key in HULL_LIFT} & {effect.id for effect in effects}:
-        best = with_hull_lift(best)
+    best = with_hull_lift(best, data)
     for effect in effects:
-        if effect not in currents:
+        if effect.key not in {one.key for one in best.effects}:
             best = add_effect(best, effect, data)
     if currents:
         best = with_latencies(best, data)
@@ -268,12 +264,15 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         covariance = covariance + np.outer(shift, shift)
     free = coordinates.free[: coordinates.noise_begin]
     names, scale = model.names, parameter_scale(best)
+    is_ship = SHIP in {effect.key for effect in best.effects}
+    if is_ship:
+        covariance = with_shape_error(model, covariance)
     undetermined, unknown = undetermined_directions(names, covariance, scale, free)
     refused = dict.fromkeys(unknown, "these runs do not determine it apart from other parameters")
     axes = measured_axes(data.sensors)
     for at, name in enumerate(names):
         if not free[at]:
-            refused[name] = _reason(name, axes)
+            refused[name] = _reason(name, axes, is_ship=is_ship)
     prior = PriorUse.of(best, covariance, scale, refused)
     latency = _shown_latency(best)
     r2 = free_run_r2(model, data, yaw_only=best.likelihood.grid.yaw_only)
@@ -323,8 +322,12 @@ def _shown_latency(best: PlanarOptimum) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _reason(name: str, axes: tuple[bool, bool, bool]) -> str:
+def _reason(name: str, axes: tuple[bool, bool, bool], *, is_ship: bool) -> str:
     axis = name.partition(".")[0]
+    if name == f"{SHIP}.length":
+        return "it is held at twice the lever of the rudder"
+    if is_ship and name.endswith("_drag"):
+        return "it is left out: a ship's hull has damping in proportion to its speed, and forces of third order"
     if name.startswith("rudder"):
         return "the rudder is free, without a propeller ahead of it"
     missing = [one for one, known in zip(AXIS_NAMES, axes, strict=True) if one in axis and not known]
@@ -340,6 +343,8 @@ def _warnings(
         way, moved = ("late", "back") if late > 0.0 else ("early", "forward")
         yield f"The readings of {name} are {significant(abs(late), 2)} s {way}; the fit moves them {moved}."
     multi_step = best.is_multi_step
+    if SHIP in {effect.key for effect in best.effects}:
+        yield SHIP_WARNING
     looser = (
         f" The standard errors include the change of the parameters under a limit {_LOOSER:g} times as high."
         if not multi_step

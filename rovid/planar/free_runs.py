@@ -331,6 +331,8 @@ def fit_free_runs(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     # The likelihood may have led far astray; the regression that simulates best has not.
     regressed = [start.model for start in start_values(data, with_current=False)]
     start = max(regressed, key=lambda model: mean_free_run_r2(model, data, yaw_only=False))
+    own = zip(best.model.rudders, start.rudders, strict=True)
+    start = replace(start, rudders=tuple(replace(one, lift=was.lift, slipstream=was.slipstream) for one, was in own))
     first = coordinates.initial(start, [one.parameters for one in best.model.effects])
     points = [best.x, coordinates.projected(np.concatenate((first[:count], best.x[count:])))]
     likelihood = replace(best.likelihood, free_runs=runs)

@@ -375,13 +375,15 @@ def _zigzag_chain(track: Track, orders: list[tuple[int, int]]) -> list[tuple[int
 def with_errors(
     measure: Callable[[FloatArray], Measures], values: FloatArray, covariance: FloatArray, step: float = 0.1
 ) -> Measures:
-    """Measures of ``measure`` at the (p,) parameter ``values`` with standard errors by the delta method.
+    """Measures of ``measure`` at the (p,) ``values``, with (p, p) ``covariance``; standard errors by the delta method.
 
-    The derivatives are central differences with ``step`` standard errors along the principal axes of the (p, p)
-    ``covariance``. A measure that a displaced model does not have gets no error.
+    The derivatives are central differences with ``step`` standard errors along the principal axes of the correlations.
+    A measure that a displaced model does not have gets no error.
     """
     at = measure(values)
-    eigenvalues, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    eigenvalues, axes = np.linalg.eigh(covariance / np.maximum(np.outer(scale, scale), 1e-300))
+    axes = axes * scale[:, None]
     variances = dict.fromkeys(at, 0.0)
     for size, axis in zip(np.sqrt(np.maximum(eigenvalues, 0.0)), axes.T, strict=True):
         if size == 0.0:

@@ -5,14 +5,16 @@ that depend on the commands alone: `PlanarForces.force`. Rudders give forces tha
 holds their angles and the thrusts in whose slipstream they stand, and the equation of motion has the rest. For a rudder
 at (x, y) with the angle delta, in water in which the vehicle has the velocity (u, v, r):
 
-    u_R = u - y r,  v_R = v + x r                                       velocity of the rudder through the water
+    u_R = u - y r,  v_R = g (1 +- b) (v + x r)                          velocity of the rudder through the water
     a = |u_R| u_R + s max(T, 0)                                         T thrust of the propeller ahead of it
     alpha = delta + atan2(v_R, sqrt(|a|))                               angle of attack, within +-stall
     F = lift (|a| + v_R^2) sin(alpha)                                   delta changes its sign where a < 0
     X = -F sin(delta),  Y = -F cos(delta),  N = x Y - y X
 
-(Soeding 1998; Yasukawa and Yoshimura 2015, eqs. 7, 14 and 21, with a flow straightening of 1.) ``lift``, ``slipstream``
-s and ``stall`` are parameters of the model; `Rudder` holds what rovid.toml says of them, None where nothing is known.
+(Soeding 1998; Yasukawa and Yoshimura 2015, eqs. 7, 14, 21 and 23.) The hull and the propeller straighten the flow by g,
+1 where they do not, and by a share b more where v + x r > 0, less where it is negative. ``lift``, ``slipstream`` s,
+``straightening`` g, ``asymmetry`` b and ``stall`` are parameters of the model; `Rudder` holds what rovid.toml says of
+them, None where nothing is known.
 By momentum theory s is 2/(rho A), A the area of the propeller's disc, for the slipstream far behind the propeller, and
 about two thirds of that where a rudder stands.
 """
@@ -29,7 +31,7 @@ from rovid.effects import PLANAR_FORMS, Effect
 from rovid.effects.base import Coupling, OnCommand, Values, WaterCurrent
 from rovid.model.actuator_model import ActuatorModel, CommandSeries
 from rovid.model.bound_effects import BoundEffect
-from rovid.model.parameter_names import PLANAR_UNITS
+from rovid.model.parameter_names import PLANAR_UNITS, RUDDER_UNITS
 from rovid.trial.trial import Past, Trial, read_only
 from rovid.trial.vehicle import Rudder, Vehicle
 
@@ -55,8 +57,8 @@ COUPLING_INDEX: Mapping[str, int] = {form.key: BASE_COUNT + sum(_COUNTS[:at]) fo
 CURRENT_INDEX = BASE_COUNT + sum(_COUNTS)
 RUDDER_INDEX = CURRENT_INDEX + 4
 # Coefficients of a rudder: position in m ahead and to starboard, lift in N s^2/m^2, stall angle in rad, slipstream in
-# m^2/(N s^2).
-RUDDER_COUNT = 5
+# m^2/(N s^2), straightening and its asymmetry.
+RUDDER_COUNT = 7
 # Columns of the inputs before those of the rudders (angle, thrust ahead of it): forces X, Y, N.
 INPUT_COUNT = 3
 RUDDER_INPUTS = 2
@@ -82,6 +84,18 @@ class RudderModel:
     lift: float = 0.0  #: N s^2/m^2; side force over squared inflow and sine of the angle of attack.
     stall: float = 0.6  #: rad; the side force grows no further beyond this angle of attack.
     slipstream: float = 0.0  #: m^2/(N s^2); squared inflow by thrust of the propeller ahead of it.
+    straightening: float | None = None  #: Share of the flow aside at the rudder; None where it is no parameter, for 1.
+    asymmetry: float = 0.0  #: Share by which it is larger in a flow to port than on average, and smaller to starboard.
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return ("lift", "slipstream") if self.straightening is None else tuple(RUDDER_UNITS)
+
+    @property
+    def values(self) -> list[float]:
+        """Values of the ``parts``."""
+        return [getattr(self, part) for part in self.parts]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,22 +112,23 @@ class PlanarModel:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all parameters, in the order of ``values``."""
-        of_rudders = [f"rudder.{rudder.name}.{part}" for rudder in self.rudders for part in ("lift", "slipstream")]
+        of_rudders = [f"rudder.{rudder.name}.{part}" for rudder in self.rudders for part in rudder.parts]
         of_effects = [name for one in self.effects for name in one.effect.parameter_names]
         return (*BASE_NAMES, *of_rudders, *of_effects)
 
     @property
     def values(self) -> FloatArray:
         """(p,) values of all parameters in SI."""
-        of_rudders = [number for rudder in self.rudders for number in (rudder.lift, rudder.slipstream)]
+        of_rudders = [number for rudder in self.rudders for number in rudder.values]
         return np.concatenate((self.base, of_rudders, *(one.parameters for one in self.effects)))
 
     def with_values(self, values: FloatArray) -> Self:
         """The model with other (p,) ``values``."""
         rudders, effects, at = [], [], BASE_COUNT
         for rudder in self.rudders:
-            rudders.append(replace(rudder, lift=float(values[at]), slipstream=float(values[at + 1])))
-            at += 2
+            end = at + len(rudder.parts)
+            rudders.append(replace(rudder, **dict(zip(rudder.parts, values[at:end].tolist(), strict=True))))
+            at = end
         for one in self.effects:
             count = len(one.effect.parameters)
             effects.append(BoundEffect(one.effect, np.asarray(values[at : at + count], dtype=np.float64)))
@@ -162,7 +177,8 @@ class PlanarModel:
                     numbers[CURRENT_INDEX + 2 : CURRENT_INDEX + 4] = wander
         for at, rudder in enumerate(self.rudders):
             first = RUDDER_INDEX + RUDDER_COUNT * at
-            numbers[first : first + RUDDER_COUNT] = *rudder.position, rudder.lift, rudder.stall, rudder.slipstream
+            own = rudder.lift, rudder.stall, rudder.slipstream, rudder.straightening, rudder.asymmetry
+            numbers[first : first + RUDDER_COUNT] = [*rudder.position, *(1.0 if one is None else one for one in own)]
         return numbers
 
     @property

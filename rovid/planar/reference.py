@@ -21,6 +21,8 @@ def forces(model: PlanarModel, speeds: FloatArray, inputs: FloatArray) -> FloatA
         angle, thrust = inputs[INPUT_COUNT + RUDDER_INPUTS * at :][:RUDDER_INPUTS]
         x, y = rudder.position
         along, across = u - y * r, v + x * r
+        if rudder.straightening is not None:
+            across *= rudder.straightening * (1.0 + np.sign(across) * rudder.asymmetry)
         ahead = along * abs(along) + rudder.slipstream * max(thrust, 0.0)
         # A rudder in a stream from astern works the other way round.
         attack = np.sign(ahead) * angle + np.arctan2(across, np.sqrt(abs(ahead)))

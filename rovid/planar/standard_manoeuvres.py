@@ -13,6 +13,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, smooth_motion
+from rovid.planar.effect_fits import SHIP
 from rovid.planar.fit import PlanarFit, is_yaw_alone
 from rovid.planar.free_runs import PlanarMotion, measured_start, simulate_planar
 from rovid.planar.manoeuvres import (
@@ -35,6 +36,9 @@ _TURN_ANGLE, _ZIGZAG_ANGLES = np.radians(35.0), (np.radians(10.0), np.radians(20
 _LONGEST, _SAMPLES, _SECTIONS = 60.0, 50.0, 5
 # Attempts at a turning circle, each with an interval four times as long.
 _COARSER = 3
+# Share of the angle of a manoeuvre that is in the runs where they show it, and relative standard error of a measure where
+# they do not: that of the model's form, by simulated tankers (benchmarks/planar_manoeuvres.py).
+_ALIKE, _EXTRAPOLATION = 0.9, 0.12
 # Relative change of a parameter that is not determined, and change of a measure, in shares, that then counts.
 _DOUBT, _SENSITIVE = 0.2, 0.01
 
@@ -241,14 +245,26 @@ def model_manoeuvres(fit: PlanarFit, data: PlanarData) -> Measures:
 
     values, covariance = fit.model.values, np.asarray(fit.estimate.covariance)
     found = with_errors(measure, values, covariance)
+    # The length of a ship's hull is given.
+    unknown = set(fit.estimate.refused) - {f"{SHIP}.length"}
     for at in np.flatnonzero(np.diag(covariance) == 0.0).tolist():
-        if fit.model.names[at] in fit.estimate.refused and values[at]:
+        if fit.model.names[at] in unknown and values[at]:
             other = measure(values * (1.0 + _DOUBT * (np.arange(len(values)) == at)))
             found = {key: one for key, one in found.items() if _is_same(one, other.get(key))}
+    found = {key: replace(one, standard_error=_whole_error(key, one, system)) for key, one in found.items()}
     given = {key for key in found if key.endswith((".steering", ".approach_speed"))}
     known = {key for key, one in found.items() if one.standard_error is not None}
     known -= {key for key in known if (found[key].standard_error or 0.0) >= abs(found[key].value)}
     return {key: one for key, one in found.items() if key in known | given}
+
+
+def _whole_error(key: str, one: ManoeuvreMeasure, system: SteeringSystem) -> float | None:
+    """Standard error with that of the model's form, where the rudder turns farther than in the runs."""
+    angle = _TURN_ANGLE if key.startswith("circle") else _ZIGZAG_ANGLES[key.startswith("zigzag_20")]
+    inside = not system.rudders or system.largest > _ALIKE * angle
+    if one.standard_error is None or inside or key.endswith((".steering", ".approach_speed")):
+        return one.standard_error
+    return math.hypot(one.standard_error, _EXTRAPOLATION * one.value)
 
 
 def _is_same(one: ManoeuvreMeasure, other: ManoeuvreMeasure | None) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -22,6 +24,7 @@ VALUES = {
     "sway_yaw_damping:lift": (-4.0, 5.0),
     "cross_flow_drag": (30.0, 1.2),
     "cross_flow_drag:off_centre": (30.0, 1.2, 0.3),
+    "cross_flow_drag:ship": (30.0, 1.2),
     "speed_dependent_damping:planar": (3.0, 10.0),
     "speed_dependent_damping:planar_quadratic": (3.0, 10.0),
     "bias_torque:planar": (1.0, -2.0, 0.3),
@@ -48,7 +51,8 @@ CASES = [*VALUES, "rudder"]
 
 def case_model(case: str) -> tuple[PlanarModel, int]:
     if case == "rudder":
-        return planar_model(rudders=(RudderModel(name="r", position=(-0.7, 0.1), lift=30.0, slipstream=0.02),)), 5
+        rudder = RudderModel(name="r", position=(-0.7, 0.1), lift=30.0, slipstream=0.02)
+        return planar_model(rudders=(replace(rudder, straightening=0.6, asymmetry=0.3),)), 5
     return planar_model(case), 3
 
 

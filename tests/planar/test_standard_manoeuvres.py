@@ -12,6 +12,7 @@ from rovid.core.array_types import FloatArray
 from rovid.estimate.estimate import Estimate
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.fit import PlanarFit
+from rovid.planar.manoeuvres import ManoeuvreMeasure, Measures, with_errors
 from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
 from rovid.planar.reference import accelerations
 from rovid.planar.standard_manoeuvres import (
@@ -103,6 +104,30 @@ def test_a_turning_circle_in_a_run_is_found_and_measured() -> None:
     for name in ("advance", "tactical_diameter", "steady_diameter"):
         # The smoothed velocities of the run cut its corners.
         assert found.measured[name].value == pytest.approx(found.simulated[name].value, rel=0.05)
+
+
+def test_the_rudder_moves_at_its_rate_in_the_runs() -> None:
+    system = SteeringSystem(approach_speed=1.0, rudders=1, largest=0.2, side_force=0.0, slipstream=0.0, rudder_rate=0.1)
+    time = np.array([0.0, 1.0, 2.0, 5.0])
+    np.testing.assert_allclose(system.movement(-0.2, 0.2, time), [-0.2, -0.1, 0.0, 0.2])
+    np.testing.assert_allclose(system.movement(0.1, -0.2, time), [0.1, 0.0, -0.1, -0.2])
+    data = data_of(TORPEDO, np.column_stack((np.ones(4), [0.0, 0.4, -0.4, 0.4])), 5.0)
+    run = data.runs[0].trial
+    held = run.commands.copy()
+    held[:, 1] = np.interp(run.time, [0.0, 5.0, 9.0, 12.0, 14.0], [0.0, 0.0, 0.2, 0.2, 0.1])
+    slow = planar_data(Campaign(trials=(replace(run, commands=held),), sources=()), data.vehicle)
+    model = PlanarModel(base=np.array(TORPEDO.base), rudders=(RudderModel(name="rudder", position=(-0.9, 0.0)),))
+    assert SteeringSystem.of(slow, model).rudder_rate == pytest.approx(0.05, rel=1e-6)
+
+
+def test_errors_do_not_depend_on_units() -> None:
+    def measure(values: FloatArray) -> Measures:
+        return {"sum": ManoeuvreMeasure(value=float(1e-6 * values[0] + 1e5 * values[1]), unit="1")}
+
+    # Standard deviations of 2e6 and 1e-5, correlation 0.5: both terms matter alike.
+    covariance = np.array([[4e12, 10.0], [10.0, 1e-10]])
+    (found,) = with_errors(measure, np.array([3e6, 2e-5]), covariance).values()
+    assert found.standard_error == pytest.approx(np.sqrt(4.0 + 1.0 + 2.0), rel=1e-6)
 
 
 def test_errors_follow_the_parameters_and_undetermined_ones_refuse_their_measures() -> None:
