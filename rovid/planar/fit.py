@@ -265,8 +265,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     free = coordinates.free[: coordinates.noise_begin]
     names, scale = model.names, parameter_scale(best)
     is_ship = SHIP in {effect.key for effect in best.effects}
-    if is_ship:
-        covariance = with_shape_error(model, covariance)
+    covariance = with_shape_error(model, covariance) if is_ship else covariance
     undetermined, unknown = undetermined_directions(names, covariance, scale, free)
     refused = dict.fromkeys(unknown, "these runs do not determine it apart from other parameters")
     axes = measured_axes(data.sensors)

@@ -36,8 +36,8 @@ _TURN_ANGLE, _ZIGZAG_ANGLES = np.radians(35.0), (np.radians(10.0), np.radians(20
 _LONGEST, _SAMPLES, _SECTIONS = 60.0, 50.0, 5
 # Attempts at a turning circle, each with an interval four times as long.
 _COARSER = 3
-# Share of the angle of a manoeuvre that is in the runs where they show it, and relative standard error of a measure where
-# they do not: that of the model's form, by simulated tankers (benchmarks/planar_manoeuvres.py).
+# Share of the angle of a manoeuvre that is in the runs where they show it; relative standard error of a measure where
+# they do not, for the model's form, by simulated tankers (benchmarks/planar_manoeuvres.py).
 _ALIKE, _EXTRAPOLATION = 0.9, 0.12
 # Relative change of a parameter that is not determined, and change of a measure, in shares, that then counts.
 _DOUBT, _SENSITIVE = 0.2, 0.01
