@@ -98,16 +98,17 @@ def _predictions(logs: Sequence[LogRegressors]) -> list[_Prediction]:
     # A log with more thrust than the others counts as much as one of them.
     powers = np.array([log.torque @ log.torque for log in logs])
     powers = np.maximum(powers, np.median(powers))
+    usual = float(np.median([np.mean(log.torque**2) for log in logs]))
     slopes, scores = slopes / powers[:, None, None], scores / powers[:, None]
     weights = np.ones(len(logs))
     for _ in range(_PASSES):
         values = _fitted(weights @ scores, np.tensordot(weights, slopes, 1))
-        misfits = np.array([_Prediction(log, shares, values).misfit for log in logs])
+        misfits = np.array([_Prediction(log, shares, values, usual).misfit for log in logs])
         weights = 1.0 / np.maximum(misfits / np.median(misfits), 1.0)
         weights /= weights.mean()
     others = weights * (1.0 - np.eye(len(logs)))
     every = zip(logs, others @ scores, np.tensordot(others, slopes, 1), strict=True)
-    return [_Prediction(log, shares, _fitted(score, slope)) for log, score, slope in every]
+    return [_Prediction(log, shares, _fitted(score, slope), usual) for log, score, slope in every]
 
 
 def _moments(log: LogRegressors, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -143,8 +144,9 @@ def _missing(log: LogRegressors, logs: Sequence[LogRegressors], vehicle: Vehicle
 class _Prediction:
     """A log, and its motion and thrusters by the parameters of other logs."""
 
-    def __init__(self, log: LogRegressors, shares: FloatArray, values: FloatArray) -> None:
+    def __init__(self, log: LogRegressors, shares: FloatArray, values: FloatArray, usual: float) -> None:
         self.log, self._shares, self._gains = log, shares, values[3:]
+        self._least = usual * len(log.torque)
         self.motion = log.x @ values[:3]
         self.logged = self.residual(log.single)
         self.misfit = self.share(self.logged)
@@ -179,8 +181,11 @@ class _Prediction:
         return min(found, key=lambda each: float(each @ each))
 
     def share(self, residual: FloatArray) -> float:
-        """Variance of a residual over that of the motion's torque or of the thrusters', the larger one."""
-        torque = max(float(self.motion @ self.motion), float(self.log.torque @ self.log.torque))
+        """Variance of a residual over the largest of that of the motion's torque, the thrusters', and a usual log's.
+
+        In a log with a constant torque a disturbance is no larger than in the others.
+        """
+        torque = max(float(self.motion @ self.motion), float(self.log.torque @ self.log.torque), self._least)
         return float(residual @ residual) / torque
 
     def gain(self, residual: FloatArray, other: FloatArray) -> float:
