@@ -36,9 +36,9 @@ _TURN_ANGLE, _ZIGZAG_ANGLES = np.radians(35.0), (np.radians(10.0), np.radians(20
 _LONGEST, _SAMPLES, _SECTIONS = 60.0, 50.0, 5
 # Attempts at a turning circle, each with an interval four times as long.
 _COARSER = 3
-# Share of the angle of a manoeuvre that is in the runs where they show it; relative standard error of a measure where
-# they do not, for the model's form, by simulated tankers (benchmarks/planar_manoeuvres.py).
-_ALIKE, _EXTRAPOLATION = 0.9, 0.12
+# Share of the angle of a manoeuvre that is in the runs where they show it; relative standard errors of the measures of
+# circles and zigzags where they do not, for the model's form, by simulated tankers (benchmarks/planar_manoeuvres.py).
+_ALIKE, _CIRCLE_ERROR, _ZIGZAG_ERROR = 0.9, 0.12, 0.2
 # Relative change of a parameter that is not determined, and change of a measure, in shares, that then counts.
 _DOUBT, _SENSITIVE = 0.2, 0.01
 
@@ -260,11 +260,13 @@ def model_manoeuvres(fit: PlanarFit, data: PlanarData) -> Measures:
 
 def _whole_error(key: str, one: ManoeuvreMeasure, system: SteeringSystem) -> float | None:
     """Standard error with that of the model's form, where the rudder turns farther than in the runs."""
-    angle = _TURN_ANGLE if key.startswith("circle") else _ZIGZAG_ANGLES[key.startswith("zigzag_20")]
+    angle, share = _ZIGZAG_ANGLES[key.startswith("zigzag_20")], _ZIGZAG_ERROR
+    if key.startswith("circle"):
+        angle, share = _TURN_ANGLE, _CIRCLE_ERROR
     inside = not system.rudders or system.largest > _ALIKE * angle
     if one.standard_error is None or inside or key.endswith((".steering", ".approach_speed")):
         return one.standard_error
-    return math.hypot(one.standard_error, _EXTRAPOLATION * one.value)
+    return math.hypot(one.standard_error, share * one.value)
 
 
 def _is_same(one: ManoeuvreMeasure, other: ManoeuvreMeasure | None) -> bool:
