@@ -5,7 +5,8 @@ delay is listed, and stays a rival of every delay or lag.
 
 The delay of the motion after the commands has either sign. The torque, shifted in time, is fitted by acceleration, drag
 and trim. The shift with the smallest residual is the delay. Its standard error is a jackknife over blocks, because the
-residuals are autocorrelated.
+residuals are autocorrelated. In a sine run a torque of the heading, as of wind, looks like a negative delay: motion
+comes before its commands only if it does so with such a torque in the regression, too.
 """
 
 from __future__ import annotations
@@ -65,18 +66,22 @@ def shift_grid(runs: Sequence[Run]) -> tuple[int, int]:
 
 
 def response_delay(
-    runs: Sequence[Run], values: FloatArray | None = None, within: tuple[float, float] = (0.0, 1.0)
+    runs: Sequence[Run],
+    values: FloatArray | None = None,
+    within: tuple[float, float] = (0.0, 1.0),
+    *,
+    of_heading: bool = False,
 ) -> ResponseDelay | None:
     """The delay; None where the logs do not determine one within the range of the shifts.
 
     ``within``: shares of the length of each run, between which the delay is fitted. ``values``: (p,) parameters of the
     regression if they are known; only the last one, the trim, is fitted then. One sine alone determines no delay
-    without them.
+    without them. ``of_heading``: whether a torque of the angle is part of it.
     """
     period = runs[0].rates.kernel.period
     step, reach = shift_grid(runs)
     stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
-    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period, within)]
+    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period, within, of_heading)]
     if len(blocks) < _MIN_BLOCKS:
         return None
     xx, xt, tt, variation = (np.array(each) for each in zip(*blocks, strict=True))
@@ -137,7 +142,13 @@ def coarse_delays(runs: Sequence[Run]) -> dict[str, float]:
 
 
 def _blocks(
-    run: Run, reach: int, step: int, stride: int, period: float, within: tuple[float, float] = (0.0, 1.0)
+    run: Run,
+    reach: int,
+    step: int,
+    stride: int,
+    period: float,
+    within: tuple[float, float] = (0.0, 1.0),
+    of_heading: bool = False,
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, float]]:
     """(p, p), (p, m) and (m,) moments of regressors and of the torque at each of m shifts; its variation."""
     torque, rates = run.filtered_torque, run.rates
@@ -153,6 +164,8 @@ def _blocks(
     columns = [rates.acceleration[inside], np.abs(rate) * rate, rate]
     if run.trial.axis.self_righting:
         columns += [np.sin(position), np.cos(position)]
+    elif of_heading and run.trial.axis.angular:
+        columns += [function(k * position) for k in (1.0, 2.0) for function in (np.sin, np.cos)]
     x = np.column_stack((*columns, np.ones(len(inside))))
     length = max(int(_BLOCK / (rates.kernel.cutoff * period * stride)), 10)
     for first in range(0, len(inside), length):
@@ -205,15 +218,18 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         yield Detection(fault=drift)
         return
     found = response_delay(data.runs) if data.runs else None
-    if found is not None and _is_offset(-found.delay, found, data.runs):
-        yield Detection(fault=_early_motion(tuple(parts), found))
-        return
     if found is None:
+        return
+    with_heading = response_delay(data.runs, of_heading=True)
+    if all(each and _is_offset(-each.delay, each, data.runs) for each in (found, with_heading)):
+        yield Detection(fault=_early_motion(tuple(parts), found))
         return
     for name, runs in parts.items():
         # A log alone hardly determines delay and model; the model of all logs is biased by hidden causes. Both agree.
-        known, own = response_delay(runs, found.values), response_delay(runs)
-        if known and own and all(_is_offset(-each.delay, each, runs) for each in (known, own)):
+        own, delays = response_delay(runs), [response_delay(runs, found.values)]
+        if with_heading is not None:
+            delays.append(response_delay(runs, with_heading.values, of_heading=True))
+        if own and all(each and _is_offset(-each.delay, each, runs) for each in (own, *delays)):
             yield Detection(fault=_early_motion((name,), own))
     if joined and _is_offset(found.delay, found, data.runs):
         yield Detection(fault=_late_motion(tuple(parts), found))

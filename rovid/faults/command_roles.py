@@ -119,7 +119,7 @@ def _moments(log: LogRegressors, shares: FloatArray) -> tuple[FloatArray, FloatA
     contrast = log.single - log.torque[:, None] * shares
     gains = contrast.mean(axis=0) - contrast
     x, z = np.column_stack((log.x, gains)), np.column_stack((log.z, gains))
-    return z.T @ x, z.T @ log.torque
+    return z.T @ x, z.T @ log.forcing
 
 
 def _fitted(score: FloatArray, slope: FloatArray) -> FloatArray:
@@ -158,7 +158,7 @@ class _Prediction:
 
     def residual(self, single: FloatArray) -> FloatArray:
         """(n,) residual torque with the (n, k) torque of each thruster."""
-        rest = self.motion - self.torque(single)
+        rest = self.motion - self.torque(single) - self.log.ambient
         return np.asarray(rest - rest.mean())
 
     @cached_property

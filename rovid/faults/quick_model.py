@@ -1,8 +1,10 @@
 """A model of all logs within milliseconds, and what each log says against it: one regression by instrumental variables.
 
-I rdot + DQ |r| r + DL r + trim = T, all signals through one filter. Sensor noise is in the regressors; the instruments
-are the same regressors of a motion that follows the torque with one time constant. A log that deviates from the others
-counts less (Huber's weights), so that a minority of foreign logs does not move the model.
+I rdot + DQ |r| r + DL r + trim = T + A(psi), all signals through one filter. A torque A of the heading, of wind, a
+current or a tether, is part of the model where it predicts the other logs: in a sine run alone it acts like an inertia.
+Sensor noise is in the regressors; the instruments are the same regressors of a motion that follows the torque with one
+time constant. A log that deviates from the others counts less (Huber's weights), so that a minority of foreign logs
+does not move the model.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ from rovid.trial.preprocessing import Run
 from rovid.trial.rates import fast_fft_length
 from rovid.trial.vehicle import Thruster, Vehicle
 
+# Logs that show a torque of the heading.
+_MIN_LOGS = 3
 # Valid samples that a log needs.
 _MIN_SAMPLES = 50
 # Number of passes: in the first ones the time constant settles, in the others the weights.
@@ -28,6 +32,9 @@ _EXCITED = 0.02
 _SIGN_WIDTH = 0.05
 # Bins of the residuals' spectrum (of twice the length) that the fit of a log takes out.
 _FITTED_BINS = 4
+# Share of the residual variance that a torque of the heading removes in a log that was not fitted: the least median of
+# all logs. Chance removes nothing in half of them.
+_OF_HEADING = 0.1
 # Standard deviation of the gain of one thruster: a log in which it pushes more or less than usual may deviate by that.
 GAIN = 0.2
 # Squared distance from which a log counts less, and not at all: 99.9 % of a chi-square of two, and far beyond.
@@ -87,6 +94,22 @@ class LogRegressors:
         parts = [_regressors(run, vehicle, tau, scale) for run in runs]
         #: (n, 3), (n, 3), (n, 3) torques of other shapes, (n,), (n, k) torque of each thruster with its mean.
         self.x, self.z, self.shapes, self.torque, self.single = map(np.concatenate, zip(*parts, strict=True))
+        self.ambient = np.zeros(len(self.torque))  #: (n,) torque that depends on the heading alone, without its mean.
+
+    @property
+    def forcing(self) -> FloatArray:
+        """(n,) torque of the thrusters and of the surroundings."""
+        return np.asarray(self.torque + self.ambient)
+
+    @cached_property
+    def of_heading(self) -> FloatArray:
+        """(n, 5) shapes of a torque of the heading, less their means: two harmonics, and the angle since the start."""
+        parts = []
+        for run in self._runs:
+            angle = run.rates.position[run.valid]
+            columns = (*(each(k * angle) for k in (1.0, 2.0) for each in (np.sin, np.cos)), angle - angle[0])
+            parts.append(np.column_stack([column - column.mean() for column in columns]))
+        return np.concatenate(parts)
 
     @cached_property
     def time(self) -> FloatArray:
@@ -160,9 +183,11 @@ def _fitted(runs: tuple[Run, ...], vehicle: Vehicle) -> QuickModel | None:
     for count in range(_PASSES):
         if count < _SETTLING:
             logs = [LogRegressors(name, own, vehicle, tau, scale) for name, own in parts.items()]
+            if vehicle.axis.angular:
+                _add_torque_of_heading(logs, base)
         pairs = [(log.z if count else log.x, log) for log in logs]
         slope = sum(weight * z.T @ log.x for weight, (z, log) in zip(weights, pairs, strict=True))
-        score = sum(weight * z.T @ log.torque for weight, (z, log) in zip(weights, pairs, strict=True))
+        score = sum(weight * z.T @ log.forcing for weight, (z, log) in zip(weights, pairs, strict=True))
         values = solved(np.asarray(slope), np.asarray(score))
         rate = float(np.sqrt(np.mean(np.concatenate([log.x[:, 2] for log in logs]) ** 2)))
         drag = 1.5 * values[1] * rate + values[2]
@@ -200,6 +225,27 @@ def _regressors(run: Run, vehicle: Vehicle, tau: float, scale: float) -> tuple[F
     return (*(each - each.mean(axis=0) for each in (x, z, shapes, torque[valid])), single[valid])
 
 
+def _add_torque_of_heading(logs: Sequence[LogRegressors], weights: FloatArray) -> None:
+    """Set the ambient torque of the ``logs`` if it predicts each log from the others."""
+    if len(logs) < _MIN_LOGS:
+        return
+    slopes, scores, removed = list[FloatArray](), list[FloatArray](), list[float]()
+    for weight, log in zip(weights, logs, strict=True):
+        x, z = np.column_stack((log.x, log.of_heading)), np.column_stack((log.z, log.of_heading))
+        slopes.append(weight * z.T @ x)
+        scores.append(weight * z.T @ log.torque)
+    slope, score = np.sum(slopes, axis=0), np.sum(scores, axis=0)
+    for log, own_slope, own_score in zip(logs, slopes, scores, strict=True):
+        others, torque = slope - own_slope, score - own_score
+        values, plain = solved(others, torque), solved(others[:3, :3], torque[:3])
+        rest, plain_rest = log.torque - log.x @ values[:3] - log.of_heading @ values[3:], log.torque - log.x @ plain
+        removed.append(1.0 - float(rest @ rest) / float(plain_rest @ plain_rest))
+    if np.median(removed) > _OF_HEADING:
+        values = solved(slope, score)
+        for log in logs:
+            log.ambient = -log.of_heading @ values[3:]
+
+
 def _moments(logs: Sequence[LogRegressors], values: FloatArray) -> list[LogMoments]:
     total = np.concatenate([log.torque for log in logs])
     shares = total @ np.concatenate([log.single for log in logs]) / (total @ total)
@@ -207,7 +253,7 @@ def _moments(logs: Sequence[LogRegressors], values: FloatArray) -> list[LogMomen
 
 
 def _moments_of(log: LogRegressors, values: FloatArray, shares: FloatArray) -> LogMoments:
-    residual = log.torque - log.x @ values
+    residual = log.forcing - log.x @ values
     slope, score = log.z.T @ log.x, log.z.T @ residual
     contrast = log.z.T @ (log.single - log.torque[:, None] * shares)
     noise = _covariance(log.waves, residual - log.x @ solved(slope, score)) + GAIN**2 * contrast @ contrast.T

@@ -15,7 +15,7 @@ from rovid.model.model import Model
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Thruster, Vehicle
-from tests.faults.days import SMALL, VEHICLES, day, scaled
+from tests.faults.days import SMALL, VEHICLES, day, programme, scaled
 from tests.synthetic import LOGGED, VOLTS, clock, gauss_markov, run
 
 ARMS = {"a": 0.4, "b": -0.55}  # m
@@ -77,6 +77,44 @@ def test_a_foreign_log_with_most_of_the_thrust_is_no_majority() -> None:
     kept, faults = found([run for run in day("small", 1, others, thrust=weak) if run.trial.name in {*weak, *others}])
     assert [fault.logs for fault in faults] == [("steps.csv",)]
     assert set(names) <= set(kept)
+
+
+def windy_day(vehicle: str, seed: int, size: float, foreign: str = "") -> list[Run]:
+    """Holds, steps and two slow sines in a wind torque of ``size``*sin(2*heading + 0.5) N m."""
+    rng = np.random.default_rng(seed)
+    base, full = VEHICLES[vehicle]
+    tau = base.inertia / (base.quadratic_drag * np.sqrt(full / base.quadratic_drag) + base.linear_drag)
+    kept = {name: each for name, each in programme(tau, rng).items() if name.startswith(("hold", "steps"))}
+    interval, runs = next(iter(kept.values()))[0], []
+    for periods, level in ((14.0, 0.5), (25.0, 0.3)):
+        time = clock(4.0 * periods * tau, 1.0 / interval)
+        kept[f"sine_{periods:.0f}.csv"] = interval, level * np.sin(2.0 * np.pi * time / (periods * tau))
+    for name, (_, planned) in kept.items():
+        own = scaled(base, 2.9, 2.6) if name == foreign else base
+        time, torque = interval * np.arange(len(planned), dtype=np.float64), full * planned
+        disturbance = gauss_markov(len(time), interval, 0.02 * full, 2.0 * tau, rng)
+        rate = angle = 0.0
+        for at, driving in enumerate(torque + disturbance):
+            wind = size * np.sin(2.0 * angle + 0.5)
+            disturbance[at] += wind
+            for _ in range(10):
+                drag = (own.quadratic_drag * abs(rate) + own.linear_drag) * rate
+                rate += 0.1 * interval * (driving + wind - drag) / own.inertia
+                angle += 0.1 * interval * rate
+        noise = rng.normal(0.0, np.deg2rad(0.05), len(time))
+        one = run(time, torque, own, cutoff=min(2.0 / tau, 0.19 / interval), disturbance=disturbance, noise=noise)
+        runs.append(replace(one, trial=replace(one.trial, name=name)))
+    return runs
+
+
+@pytest.mark.parametrize("share", [0.2, 0.4])
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_sine_run_in_wind_belongs_to_the_others(vehicle: str, share: float) -> None:
+    """Its heading swings with its rate: a torque of the heading looks like another inertia, even one below zero."""
+    size = share * VEHICLES[vehicle][1]
+    for seed in range(2, 4):
+        assert found(windy_day(vehicle, seed, size))[1] == ()
+        assert [fault.logs for fault in found(windy_day(vehicle, seed, size, "steps.csv"))[1]] == [("steps.csv",)]
 
 
 @pytest.mark.parametrize("factor", [57.3, 30.0])
