@@ -36,7 +36,7 @@ def test_forces_of_third_order_are_those_of_a_published_tanker_within_the_stated
 
 @pytest.mark.slow
 def test_small_zigzags_predict_the_turning_circle() -> None:
-    found = judged(1, 0, 1.0, 4.0, None)
+    found = judged(1, 0, 4.0, 4.0, None)
     assert "cross_flow_drag:ship" in found["effects"]
     for way in ("starboard", "port"):
         one = found["measures"][f"circle_{way}.tactical_diameter"]
