@@ -78,7 +78,12 @@ class Finding:
 
     @property
     def evidence(self) -> Evidence:
-        """Evidence for the cause; of several indistinguishable ones, none is confirmed."""
+        """Evidence for the cause; of several indistinguishable ones, none is confirmed.
+
+        A cause is possible at most if another one in its place gains more, and was rejected for another reason.
+        """
+        if any(other.bic_gain > self.bic_gain for other in self.alternatives):
+            return Evidence.POSSIBLE
         return grade(
             self.probability,
             self.held_out_gain,
