@@ -35,7 +35,7 @@ from benchmarks.gallery.judge import (
 from benchmarks.gallery.kaxan import BENCH
 from benchmarks.gallery.motors import CAR, LOOP, MOTOR
 from benchmarks.gallery.page import Record, judged, named, page_of
-from tests.conftest import ROOT, SAMPLES, Rovid
+from tests.conftest import ROOT, SAMPLES, Rovid, slow
 
 PAGE = ROOT / "docs" / "real.md"
 CAUSES = (
@@ -283,7 +283,7 @@ def test_the_page_says_of_the_ardusub_samples_what_rovid_does(one: RealSet, rovi
             assert page.partition(row)[2].partition(" |")[0].strip("*") == judgement.word
 
 
-@pytest.mark.parametrize("one", [CAR, LOOP, MOTOR], ids=lambda one: one.key)
+@pytest.mark.parametrize("one", [CAR, LOOP, slow(MOTOR)], ids=lambda one: one.key)
 def test_logs_of_other_fields_are_read_as_they_are_and_give_no_false_cause(one: RealSet, rovid: Rovid) -> None:
     """Every claim is judged as expected, and no cause is named that is known not to act."""
     # The motor's dead time is missing in the plain model: the error of its time constant is too large to decide.

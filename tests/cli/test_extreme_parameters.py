@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.conftest import Rovid, slow
+from tests.conftest import Rovid
 
 TOML = """
 [vehicle]
@@ -45,8 +45,6 @@ EXTREMES: dict[str, tuple[str | None, dict[str, float]]] = {
     "endless memory": ("added_mass_memory", {MEMORY: 1e9}),
 }
 
-SLOW = EXTREMES.keys() - {"endless lag"}
-
 
 def write_campaign(folder: Path) -> None:
     """One log of 60 s at 10 Hz of a vehicle with 20 kg m^2 under steps, with rovid.toml."""
@@ -68,7 +66,8 @@ def limit() -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
 
 
-@pytest.mark.parametrize("extreme", ["endless lag", *map(slow, sorted(SLOW))])
+@pytest.mark.slow
+@pytest.mark.parametrize("extreme", EXTREMES)
 def test_extreme_parameters_end_in_a_result_or_one_message(extreme: str, tmp_path: Path, rovid: Rovid) -> None:
     effect, values = EXTREMES[extreme]
     write_campaign(tmp_path / "day")

@@ -201,6 +201,7 @@ def test_an_early_end_of_the_multi_step_search_changes_no_result(monkeypatch: py
     assert once.count("Testing for waves …") == 1
 
 
+@pytest.mark.slow
 def test_a_direct_selection_that_fails_validation_is_searched_by_predictions(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
     direct = diagnose(prepared(), synthetic.LOGGED, said.append)

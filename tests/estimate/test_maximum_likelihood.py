@@ -162,6 +162,7 @@ def weaken(path: Path, gain: float) -> None:
     table.to_csv(path, index=False)
 
 
+@pytest.mark.slow
 def test_a_change_of_thrust_in_one_trial_is_measured_and_named(tmp_path: Path, rovid: Rovid) -> None:
     write_short_day(tmp_path / "day")
     weaken(tmp_path / "day" / "multilevel.csv", 0.9)

@@ -42,8 +42,6 @@ OF_A_DAY = (
     "export json -p lag.toml --force",
     "diagnose -p diagnosed.toml day",
     "compare lag.toml diagnosed.toml",
-    'watch -p watched.toml day --once --until "inertia 2 %" -o next_run.csv',
-    "report --no-diagnosis --no-control --no-export --force",
 )
 OF_OTHERS = (
     "init bare --force",
@@ -65,6 +63,8 @@ OF_OTHERS = (
     "fit-thrust-scale pull/pulls.csv",
     "help",
     "help supply_sag",
+    'watch -p watched.toml day --once --until "inertia 2 %" -o next_run.csv',
+    "report day -p day.toml --no-diagnosis --no-control --no-export --force",
 )
 
 
