@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from benchmarks.calibration import NOTHING, drawn, told
 from benchmarks.calibration_page import group_of, odds_of, readings_of, write_page
 
 
+@pytest.mark.slow
 def test_a_campaign_is_the_same_whenever_it_is_drawn(tmp_path: Path) -> None:
     first, second = (drawn(3, 5, tmp_path / name) for name in ("a", "b"))
     assert first == second == drawn(3, 5, None)

@@ -123,6 +123,7 @@ def begun(store: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_final_result_equals_the_diagnosis_of_the_folder(store: Path, rovid: Rovid) -> None:
     first, second, *others = [f"{run.name}.csv" for run in RUNS]
     with watching("day", *QUICK) as watcher:

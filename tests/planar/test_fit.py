@@ -43,7 +43,7 @@ def deviations(fitted: PlanarFit, truth: Truth) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("truth", "hold"), [slow(box_rov(3), 6.0), (torpedo(3), 8.0)], ids=["box ROV with DVL", "torpedo with rudder"]
+    ("truth", "hold"), [slow(box_rov(3), 6.0), slow(torpedo(3), 8.0)], ids=["box ROV with DVL", "torpedo with rudder"]
 )
 def test_the_truth_is_within_the_errors(truth: Truth, hold: float) -> None:
     fitted = fit_planar(campaign(truth, runs=2, levels=20, hold=hold, seed=3))

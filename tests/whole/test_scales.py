@@ -17,7 +17,7 @@ HIDDEN = SAMPLES / "rosub_hidden"  # a lag and an asymmetry
 PLAIN = SAMPLES / "rosub_tank"
 ONE = Scaling()
 SCALINGS = [
-    Scaling(time=0.1, torque=1e6, command=1e3),
+    slow(Scaling(time=0.1, torque=1e6, command=1e3)),
     slow(Scaling(time=10.0, torque=1e-3)),
     slow(Scaling(time=0.1)),
     slow(Scaling(time=10.0)),
