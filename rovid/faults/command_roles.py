@@ -129,6 +129,8 @@ def _fitted(score: FloatArray, slope: FloatArray) -> FloatArray:
 
 def _missing(log: LogRegressors, logs: Sequence[LogRegressors], vehicle: Vehicle) -> str:
     """A clause on a command that is constant, or a copy of another one, in this log alone; empty without one."""
+    if log.is_cut:  # Hands may have moved the vehicle between its tests.
+        return ""
     others = [other for other in logs if other is not log]
     names = [thruster.name for thruster in vehicle.thrusters]
     for at, name in enumerate(names):

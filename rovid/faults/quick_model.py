@@ -117,6 +117,11 @@ class LogRegressors:
         return np.concatenate([run.rates.time[run.valid] + run.trial.campaign_time - self.start for run in self._runs])
 
     @property
+    def is_cut(self) -> bool:
+        """Whether the log is in parts, because of another fault."""
+        return len(self._runs) > 1
+
+    @property
     def commands(self) -> FloatArray:
         """(m, k) commands at the log's own instants."""
         return np.concatenate([run.trial.commands for run in self._runs])
