@@ -335,6 +335,11 @@ def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[
             f"The {' or '.join(delays)} may be a clock offset of the joined files. The logs do not distinguish the "
             "two. Give the known offset in [join] offset."
         )
+    elif _DELAYS[0] in titles and all(run.trial.separate_clocks for run in runs):
+        yield (
+            f"The {titles[_DELAYS[0]]} may be an offset between the stamps of commands and motion, which are separate "
+            "in these logs. The logs do not distinguish the two."
+        )
 
 
 def _sensor_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
