@@ -211,6 +211,7 @@ def tab_to(page: Page, there: str) -> int:
     raise AssertionError(there)
 
 
+@pytest.mark.slow
 def test_a_cancelled_run_can_be_started_again(browser: Browser, tmp_path: Path) -> None:
     top = tmp_path / "top"
     logs_into(top / "day")
@@ -223,6 +224,7 @@ def test_a_cancelled_run_can_be_started_again(browser: Browser, tmp_path: Path) 
         assert not page.locator("#report").is_visible()
 
 
+@pytest.mark.slow
 def test_sixty_columns_fit_a_phone_and_are_drawn_when_visible(browser: Browser, tmp_path: Path) -> None:
     top = tmp_path / "top"
     folder = logs_into(top / "day")

@@ -29,6 +29,7 @@ def test_a_folder_moved_with_its_parameter_file_still_works(day: Path, rovid: Ro
 
 
 @pytest.mark.usefixtures("blank")
+@pytest.mark.slow
 def test_options_are_stored_and_changed_options_refit(day: Path, rovid: Rovid, tmp_path: Path) -> None:
     quick = ("--no-diagnosis", "--no-control", "--no-export")
     assert rovid("fit-drag", day).code == 0
@@ -48,6 +49,7 @@ def test_options_are_stored_and_changed_options_refit(day: Path, rovid: Rovid, t
 
 
 @pytest.mark.usefixtures("blank")
+@pytest.mark.slow
 def test_a_report_on_other_logs_fits_those(day: Path, rovid: Rovid, tmp_path: Path) -> None:
     quick = ("--no-diagnosis", "--no-control", "--no-export")
     more = shutil.copytree(day, tmp_path / "more")

@@ -32,6 +32,7 @@ def test_control_of_the_papers_tables(rovid: Rovid) -> None:
     assert "without limit" in printed.out
 
 
+@pytest.mark.slow
 def test_control_of_a_trial_day_writes_its_source(rovid: Rovid, csv_day: Path, tmp_path: Path) -> None:
     assert rovid("fit-drag", csv_day).code == 0
     assert rovid("fit-inertia").code == 0

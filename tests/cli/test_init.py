@@ -30,6 +30,7 @@ def toml_of(folder: Path) -> dict[str, Any]:
 
 
 @pytest.mark.usefixtures("blank")
+@pytest.mark.slow
 def test_three_commands_lead_from_logs_to_a_page(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     folder = logs_of(csv_day, tmp_path / "day")
     document = rovid("init", folder, "--json").document

@@ -185,6 +185,7 @@ def test_simulation_errors_of_each_speed(work: Rovid) -> None:
     assert "run_2.csv" in table
 
 
+@pytest.mark.slow
 def test_the_page_has_tracks_and_speeds(work: Rovid) -> None:
     done = work("report", "--axes", "planar", "--no-diagnosis")
     assert done.code == 0, done.err

@@ -194,6 +194,7 @@ def test_the_session_stops_when_the_criteria_are_met(store: Path, rovid: Rovid) 
     assert best <= len(last["logs"]) <= best + 2
 
 
+@pytest.mark.slow
 def test_the_contribution_of_each_log_is_printed(store: Path, rovid: Rovid) -> None:
     folder = begun(store)
     with watching("day", *QUICK, "--no-diagnosis") as watcher:

@@ -22,6 +22,7 @@ def compared(before: Path, lagging: Path, tmp_path_factory: pytest.TempPathFacto
     return run_rovid("compare", before, lagging, "-o", page, "--json"), page
 
 
+@pytest.mark.slow
 def test_only_a_new_lag_is_named(compared: tuple[Done, Path]) -> None:
     document = compared[0].document
     assert document["schema"] == "rovid-comparison/1"

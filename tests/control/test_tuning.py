@@ -69,6 +69,7 @@ def test_margins_equal_an_independent_computation(controller: ControlLaw, sample
 
 
 @pytest.mark.parametrize("key", ["", "thruster_lag", "command_delay"])
+@pytest.mark.slow
 def test_the_loop_is_unstable_beyond_its_delay_margin(key: str) -> None:
     model = with_effect(key, 0.3) if key else PAPER
     controller = law(1200.0, 3500.0)

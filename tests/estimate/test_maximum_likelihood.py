@@ -56,6 +56,7 @@ def write_short_day(folder: Path) -> int:
 
 
 @pytest.mark.parametrize("day", [slow("fixed"), "fresh"])
+@pytest.mark.slow
 def test_everything_about_the_day_comes_back(day: str, tmp_path: Path, rovid: Rovid) -> None:
     seed = 3 if day == "fixed" else secrets.randbelow(10**6)
     print(f"seed {seed}")
@@ -278,6 +279,7 @@ def test_the_limit_of_the_disturbance_is_loosened_once_the_effect_is_in(tmp_path
     assert not delayed["at_limit"]
 
 
+@pytest.mark.slow
 def test_an_absent_effect_is_not_significant(tmp_path: Path, rovid: Rovid) -> None:
     deviations = []
     for day in ("one", "two", "three", "four"):

@@ -155,6 +155,7 @@ def test_a_parameter_at_the_end_of_its_range_has_no_tight_error(lagged: Campaign
     assert np.sqrt(added[3, 3]) > 0.2 * 0.1 * lag
 
 
+@pytest.mark.slow
 def test_several_effects_never_end_below_any_of_them() -> None:
     campaign = random_campaign(np.random.default_rng(11), count=2)
     base = base_fit(campaign)

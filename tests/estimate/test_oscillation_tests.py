@@ -89,6 +89,7 @@ def test_without_the_drag_the_balance_keeps_its_quadrature_part() -> None:
     assert 1.01 < value / ROSUB.inertia < 1.04
 
 
+@pytest.mark.slow
 def test_the_cutoff_does_not_change_the_inertia() -> None:
     # Torque and rate lose the same share of each harmonic, but the drag's work on the rest would not be zero.
     values = [
@@ -352,6 +353,7 @@ def test_the_real_ship_is_damped_by_its_speed_and_bends(rovid: Rovid) -> None:
 
 @pytest.mark.parametrize("damage", ["walk", "shuffled", "moves"])
 @pytest.mark.parametrize("command", ["fit", "fit-inertia", slow("diagnose")])
+@pytest.mark.slow
 def test_motion_that_is_no_swing_is_refused(command: str, damage: str, tmp_path: Path, rovid: Rovid) -> None:
     rng = np.random.default_rng(5)
     shutil.copytree(SHIP, tmp_path / "day")

@@ -135,6 +135,7 @@ def test_directions_that_differ_give_a_warning() -> None:
     assert fit.directions["up"].value("quadratic_drag") > 1.1 * fit.directions["down"].value("quadratic_drag")
 
 
+@pytest.mark.slow
 def test_equal_directions_give_no_warning() -> None:
     rng = np.random.default_rng()
     alarms = 0

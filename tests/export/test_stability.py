@@ -180,6 +180,7 @@ def test_a_known_limit_is_found() -> None:
     assert found.rest_time == pytest.approx(np.log(10.0), rel=0.05)  # the tenth of the speed
 
 
+@pytest.mark.slow
 def test_added_mass_through_the_step_before_has_no_stable_step_beyond_its_ratio() -> None:
     # Filter of weight 0.3: 0.7 - 0.3 * ratio > -1, so a ratio of 17/3 is the limit.
     for ratio, stable in ((5.5, True), (5.8, False)):

@@ -265,6 +265,7 @@ def test_a_dask_cluster_gives_the_same_bytes(done: tuple[Path, dict[str, Any]], 
     assert (out / "index.html").read_bytes() == (done[0] / "index.html").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_crash_or_timeout_affects_only_its_row(sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(campaigns, "_CODE", DYING + campaigns._CODE)  # noqa: SLF001 - what the process runs
     out = tmp_path / "out"

@@ -88,6 +88,7 @@ def counted(folder: Path) -> tuple[bool, int, float]:
     return was, missed, rate
 
 
+@pytest.mark.slow
 def test_a_loop_is_compiled_again_after_a_change_of_code_only(tmp_path: Path) -> None:
     was, missed, rate = counted(copied(tmp_path))
     assert (was, missed) == (False, 1)

@@ -63,6 +63,7 @@ def used(folder: Path, environment: dict[str, str], *, run: bool) -> subprocess.
 
 
 @NOBODY
+@pytest.mark.slow
 def test_without_a_home_folder_a_private_folder_holds_the_cache() -> None:
     with read_only_install() as (folder, environment):
         first = used(folder, environment, run=True)

@@ -75,6 +75,7 @@ def test_a_second_process_compiles_at_first_use(tmp_path: Path) -> None:
         slow("import threading; threading.Timer(0.5, lambda: begun[0].stop()).start()", 1),
     ],
 )
+@pytest.mark.slow
 def test_a_failed_background_process_does_no_harm(tmp_path: Path, fate: str, begun: int) -> None:
     numbers, missed, found = told(tmp_path, f"{SEVERAL}; {fate}", {})
     assert (missed, found) == (1, begun)

@@ -53,6 +53,7 @@ def test_the_truth_is_within_the_errors(truth: Truth, hold: float) -> None:
     assert fitted.white
 
 
+@pytest.mark.slow
 def test_a_current_is_found_from_positions() -> None:
     truth = usv(4, current=(0.2, -0.2))
     data = campaign(truth, runs=2, levels=20, hold=10.0, seed=4)
@@ -86,6 +87,7 @@ def test_heading_alone_gives_the_yaw_model() -> None:
     assert set(others) <= set(fitted.estimate.refused)
 
 
+@pytest.mark.slow
 def test_straight_runs_leave_sway_and_yaw_open() -> None:
     """Nothing turns the vehicle or pushes it sideways, and equal masses leave no Munk moment."""
     truth = Truth(

@@ -200,6 +200,7 @@ def test_implausible_arms_are_reported(tmp_path: Path, rovid: Rovid) -> None:
     assert not [one for one in advice if "scale" in one["kind"]]
 
 
+@pytest.mark.slow
 def test_a_command_that_is_only_rounding_has_no_effect(tmp_path: Path) -> None:
     """Six thrusters of a drawn vehicle, three of which act as the others do."""
     write_campaign(tmp_path / "day", draw(113, 12, None))

@@ -44,6 +44,7 @@ def test_pseudo_random_runs_are_no_feedback() -> None:
 
 
 @pytest.mark.parametrize(("campaigns", "runs"), [(12, 9), slow(40, 40)])
+@pytest.mark.slow
 def test_hard_campaigns_are_no_feedback(campaigns: int, runs: int) -> None:
     found: dict[str, list[bool]] = {}
     for seed in range(campaigns):

@@ -59,6 +59,7 @@ def test_no_text_leaves_the_figure(day: ReportData) -> None:
 
 
 @pytest.mark.parametrize("width", ["84mm", pytest.param("174mm", marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_journal_gets_its_width_with_all_text_within(day: ReportData, width: str) -> None:
     with canvas.journal_plots(width):
         for name, figure in figures(day).items():

@@ -125,6 +125,7 @@ def test_every_command_is_looked_at() -> None:
     "commands", [OF_A_DAY, pytest.param(OF_OTHERS, marks=pytest.mark.slow)], ids=["of a day", "of others"]
 )
 @pytest.mark.usefixtures("folder", "blank")
+@pytest.mark.slow
 def test_output_fits_and_numbers_are_whole(
     commands: tuple[str, ...], rovid: Rovid, slow: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

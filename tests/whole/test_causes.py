@@ -175,6 +175,7 @@ def test_nothing_is_found_where_nothing_is(decoys: bool, runs: Runs, tmp_path: P
 
 
 @pytest.mark.parametrize(("vehicle", "name", "runs"), one_and_all(OUTSIDE))
+@pytest.mark.slow
 def test_a_cause_outside_the_catalogue_gets_no_name(
     vehicle: str, name: str, runs: Runs, tmp_path: Path, rovid: Rovid
 ) -> None:

@@ -95,6 +95,7 @@ def test_no_command_writes_over_the_campaign(
     assert hidden_files(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_a_repeated_command_replaces_what_it_wrote(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(mine)
     for command in (
@@ -186,6 +187,7 @@ WITHOUT_WORK = """
 
 
 @NOBODY
+@pytest.mark.slow
 def test_where_nothing_can_be_written_no_command_begins_its_work(day: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with public_folder() as public:
         folder, temporary = public / "day", public / "tmp"
