@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Self
 
 from filelock import FileLock, Timeout
 
@@ -105,7 +105,7 @@ class RootFolder:
     folder: Path
 
     @classmethod
-    def for_logs(cls, logs: Sequence[Path]) -> "RootFolder":
+    def for_logs(cls, logs: Sequence[Path]) -> Self:
         """The working folder if it contains all ``logs``, else their common parent."""
         here = Path.cwd().resolve()
         paths = [log.resolve() for log in logs]
@@ -221,7 +221,7 @@ class Upload:
     size: int = 0
 
     @classmethod
-    def start(cls, folder: Path, name: Path) -> "Upload":
+    def start(cls, folder: Path, name: Path) -> Self:
         """Open the temporary file."""
         home = (folder / name).parent
         home.mkdir(parents=True, exist_ok=True)

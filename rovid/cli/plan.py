@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -144,9 +143,9 @@ def _plan_matrix(
 ) -> None:
     """Show which pairs of causes a programme separates: with the model of a fit, or without logs with an estimate."""
     from rovid.effects import effect_named
-    from rovid.estimate.candidate_runs import RunScales, standard_programme
+    from rovid.estimate.candidate_runs import standard_programme
     from rovid.estimate.experiment_design import candidate_model, require_thrusters
-    from rovid.estimate.isolability import SizedCause, isolability, sized_cause, sized_causes, split_causes
+    from rovid.estimate.isolability import SizedCause, isolability, split_causes, tested_causes
     from rovid.estimate.vehicle_estimate import estimated_model, full_range_trial
     from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import matrix_document
@@ -157,6 +156,9 @@ def _plan_matrix(
 
     known, fitted = stored.effect_forms(), list[SizedCause]()
     config = None if stored.path.exists() else config_without_logs(logs or [Path()], stored.axis)
+    if config and effect:
+        text = "needs logs: without one the size of an effect cannot be fitted."
+        raise ConfigError(text, where="--effect", mend="Name causes to compare with --between.")
     study = config or open_logs(logs or stored_logs(stored), None, stored.axis)
     vehicle = study.vehicle
     require_thrusters(vehicle)
@@ -171,16 +173,8 @@ def _plan_matrix(
             assert study.campaign is not None  # noqa: S101 - tables were refused by the fit
             programme = list(study.campaign.trials)
         if config or not logs:
-            scales = RunScales.from_trials(base.model, vehicle, programme, share)
-            reference = programme[0].reference
-            runs = standard_programme(scales, [thruster.name for thruster in vehicle.thrusters])
-            programme = [replace(run, reference=reference).trial(vehicle.axis) for run in runs]
-        own = {cause.effect.id: cause for cause in fitted}
-        if causes:
-            sized = [own.get(cause.id) or sized_cause(cause, base, vehicle, programme) for cause in causes]
-            tested = [cause for cause in sized if cause is not None]
-        else:
-            tested = [own.get(cause.effect.id, cause) for cause in sized_causes(base, vehicle, programme)]
+            programme = standard_programme(base.model, vehicle, programme, share)
+        tested = tested_causes(base, fitted, causes, vehicle, programme)
         found = isolability(base, tested, vehicle, programme, report)
     warnings = estimate_warnings(base.model) if config else []
     if json:

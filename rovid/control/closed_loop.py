@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class Plant:
     disturbance: float = 0.0
     correlation_time: float = 4.0
 
-    def noise_free(self) -> "Plant":
+    def noise_free(self) -> Self:
         """The plant without noise and disturbance."""
         return replace(self, heading_noise=0.0, disturbance=0.0)
 

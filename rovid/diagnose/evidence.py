@@ -219,7 +219,7 @@ def grade(
 ) -> Evidence:
     """Evidence for a cause.
 
-    ``probability``: That the cause, or one that cannot be told from it, acts.
+    ``probability``: Probability that the cause acts, or another one that the logs do not distinguish from it.
     ``held_out_gain``: Log-likelihood gain on trials that were not fitted, in nats.
     ``standard_errors``: Distance of the size from its value without the effect.
     ``white``: Whether the one-step prediction errors are white.

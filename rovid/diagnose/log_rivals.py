@@ -54,8 +54,9 @@ _EVEN = 0.5
 _LONG_DELAY = 0.5
 # Standard errors by which a delay exceeds the lateness of the stamps, if it is the drive's own. Convention.
 _CERTAIN = 2.0
+_COMMAND_DELAY = "command_delay"
 # Effects that a clock offset between commands and motion resembles.
-_DELAYS = ("command_delay", "thruster_lag")
+_DELAYS = (_COMMAND_DELAY, "thruster_lag")
 
 
 def diagnose_majority(
@@ -241,7 +242,7 @@ def _without_offset(
     findings = [finding for finding in diagnosis.findings if finding in every]
     suspects = [finding for finding in diagnosis.suspects if finding in every]
     for delay in [
-        finding for finding in findings if finding.effect.id == "command_delay" and _may_be_offset(finding, runs)
+        finding for finding in findings if finding.effect.id == _COMMAND_DELAY and _may_be_offset(finding, runs)
     ]:
         findings.remove(delay)
         rivals = (*delay.indistinguishable, CLOCKS_APART)
@@ -265,7 +266,7 @@ def _may_be_offset(delay: Finding, runs: Sequence[Run]) -> bool:
 
 def _is_scatter(finding: Finding, offset: Finding) -> bool:
     """Whether a command delay leaves the commands ahead of their stamps: stamps that are late by chance, no delay."""
-    if finding.effect.id != "command_delay":
+    if finding.effect.id != _COMMAND_DELAY:
         return False
     (delay, error), (lead, lead_error) = _size(finding, "delay"), _size(offset, "lead")
     return delay - lead < _CERTAIN * math.hypot(error, lead_error)
@@ -335,10 +336,10 @@ def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[
             f"The {' or '.join(delays)} may be a clock offset of the joined files. The logs do not distinguish the "
             "two. Give the known offset in [join] offset."
         )
-    elif _DELAYS[0] in titles and all(run.trial.separate_clocks for run in runs):
+    elif _COMMAND_DELAY in titles and all(run.trial.separate_clocks for run in runs):
         yield (
-            f"The {titles[_DELAYS[0]]} may be an offset between the stamps of commands and motion, which are separate "
-            "in these logs. The logs do not distinguish the two."
+            f"The {titles[_COMMAND_DELAY]} may be an offset between the stamps of commands and motion, which are "
+            "separate in these logs. The logs do not distinguish the two."
         )
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -80,7 +81,7 @@ class RunScales:
     fast: float  # steady rate at the full command in rad/s or m/s
 
     @classmethod
-    def from_trials(cls, model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> "RunScales":
+    def from_trials(cls, model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> Self:
         """Scales for the given ``share`` of the commands that ``trials`` used.
 
         Raises DataError if the thrusters push one way only.
@@ -133,11 +134,16 @@ def candidate_runs(scales: RunScales, thrusters: Sequence[str], longest: float =
     return runs
 
 
-def standard_programme(scales: RunScales, thrusters: Sequence[str]) -> list[CandidateRun]:
-    """The runs of a day before anything is known: holds, coast-downs, a sine, turns, random levels, stairs."""
+def standard_programme(model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> list[Trial]:
+    """The runs of a day before anything is known: holds, coast-downs, a sine, turns, random levels, stairs.
+
+    ``trials``, ``share``: trials whose commands and further channels the runs take over, see `RunScales.from_trials`.
+    """
+    scales, thrusters = RunScales.from_trials(model, vehicle, trials, share), [one.name for one in vehicle.thrusters]
     sine = f"sine of {10.0 * scales.constant:.3g} s at 60 %"
     wanted = (*_STANDARD, sine, *(f"{name} alone" for name in thrusters[:-1]))
-    return [run for run in candidate_runs(scales, thrusters) if run.name.startswith(wanted)]
+    runs = [run for run in candidate_runs(scales, thrusters) if run.name.startswith(wanted)]
+    return [replace(run, reference=trials[0].reference).trial(vehicle.axis) for run in runs]
 
 
 def _hold(scales: RunScales) -> float:

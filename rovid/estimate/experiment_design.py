@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class CandidateModel:
     integrated: bool = False  # the rate alone is measured
 
     @classmethod
-    def from_fit(cls, name: str, fitted: FitResult, covariance: FloatArray) -> "CandidateModel":
+    def from_fit(cls, name: str, fitted: FitResult, covariance: FloatArray) -> Self:
         """Model of a fit with the (p, p) ``covariance`` of its parameters."""
         disturbance, memory = fitted.disturbance
         return cls(

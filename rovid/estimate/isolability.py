@@ -108,6 +108,21 @@ def sized_causes(base: CandidateModel, vehicle: Vehicle, programme: Sequence[Tri
     return [cause for cause in sized if cause is not None]
 
 
+def tested_causes(
+    base: CandidateModel,
+    fitted: Sequence[SizedCause],
+    wanted: Sequence[Effect],
+    vehicle: Vehicle,
+    programme: Sequence[Trial],
+) -> list[SizedCause]:
+    """The ``wanted`` causes, or all if there are none, at their ``fitted`` sizes or at that of `SIZE_SHARE`."""
+    own = {cause.effect.id: cause for cause in fitted}
+    if not wanted:
+        return [own.get(cause.effect.id, cause) for cause in sized_causes(base, vehicle, programme)]
+    sized = [own.get(effect.id) or sized_cause(effect, base, vehicle, programme) for effect in wanted]
+    return [cause for cause in sized if cause is not None]
+
+
 def sized_cause(
     effect: Effect, base: CandidateModel, vehicle: Vehicle, programme: Sequence[Trial]
 ) -> SizedCause | None:

@@ -1,7 +1,5 @@
 """Estimate of a model from size and mass alone, for runs that are planned before the first log exists."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 
@@ -10,15 +8,12 @@ import numpy as np
 from rovid.core.errors import ConfigError
 from rovid.estimate.experiment_design import CandidateModel
 from rovid.model.model import Model
+from rovid.trial.hull import cross_flow_drags
 from rovid.trial.trial import Trial
-from rovid.trial.vehicle import Vehicle
+from rovid.trial.vehicle import USUAL_INERTIA_RATIO, Vehicle
 
-# kg/m^3, fresh water.
-_WATER_DENSITY = 1000.0
 # Drag coefficient of a bluff body across the flow (Hoerner 1965, chapter 3: 1 to 1.2), on the area it shows.
 _DRAG_COEFFICIENT = 1.1
-# Total over rigid-body inertia: published vehicles have 1.1 to 2.5.
-_INERTIA_RATIO = 1.8
 # Share of the linear term in the drag at the rate of full thrust. Convention.
 _LINEAR_SHARE = 0.1
 # Disturbance over the full torque. Convention: calm water of a tank.
@@ -30,45 +25,39 @@ _ERRORS = {(True, False): 0.001, (False, False): 0.02, (True, True): 0.002, (Fal
 
 
 def estimated_model(vehicle: Vehicle, *, integrated: bool) -> CandidateModel:
-    """Model of a vehicle of this mass and size, with ``integrated`` if the rate alone is measured.
+    """Model of a vehicle of this mass and size, with ``integrated`` if the rate alone is measured; covariance zero.
 
-    Inertia is a share more than that of the rigid body. Drag is that of a bluff body across the flow: with the height h
-    and the coefficient C, DQ = rho*C*h*L^4/64 in yaw (the strip integral of rho*C*h*|x|^3/2 over the length L), and
-    rho*C*A/2 along a line. The covariance is zero.
+    The inertia is the usual one over that of the rigid body. The drag is that of a bluff body across the flow.
 
-    Raises
-    ------
-    ConfigError
-        Mass or size is not given, gravity rights the vehicle, or nothing drives it.
+    Raises ConfigError if mass or size is not given, or gravity rights the vehicle.
     """
-    axis = vehicle.axis
+    axis, rigid = vehicle.axis, vehicle.rigid_body_inertia
     if axis.self_righting:
         text = f"the model of {axis.name} needs a restoring torque, which mass and size do not determine."
         raise ConfigError(text, where="--axis", mend="Give LOGS of a decay test.")
-    sides = {"length": vehicle.length, "width": vehicle.width, "height": vehicle.height or vehicle.width}
+    known = {
+        "mass": vehicle.mass,
+        "length": vehicle.length,
+        "width": vehicle.width,
+        "height": vehicle.height or vehicle.width,
+    }
     shown = {
-        "yaw": ("length", "width", "height"),
+        "yaw": ("length", "height"),
         "surge": ("width", "height"),
         "sway": ("length", "height"),
         "heave": ("length", "width"),
     }[axis.name]
-    missing = [
-        key for key, value in (("mass", vehicle.mass), *((side, sides[side]) for side in shown)) if value is None
-    ]
-    if missing or vehicle.rigid_body_inertia is None:
-        text = (
-            f"gives no {' and no '.join(missing or ['inertia'])}; without a log, the model follows from mass and size."
-        )
+    needed = shown if rigid is not None else ("mass", *(("length", "width") if axis.angular else ()), *shown)
+    if missing := [key for key in dict.fromkeys(needed) if known[key] is None]:
+        text = f"gives no {' and no '.join(missing)}; without a log, the model follows from mass and size."
         raise ConfigError(text, where="[vehicle] of rovid.toml", mend="Add it in kg or m, or give LOGS.")
-    area = math.prod(sides[side] or math.nan for side in shown[-2:])
-    drag = 0.5 * _WATER_DENSITY * _DRAG_COEFFICIENT * area
-    if axis.angular:
-        length = vehicle.length or math.nan
-        drag = _WATER_DENSITY * _DRAG_COEFFICIENT * (sides["height"] or math.nan) * length**4 / 64.0
+    first, second = (known[side] or math.nan for side in shown)
+    straight, turning = cross_flow_drags(first, second, _DRAG_COEFFICIENT)
+    drag = turning if axis.angular else straight
     full = sum(abs(thruster.arm) * thruster.full_thrust for thruster in vehicle.thrusters)
     fast = math.sqrt(full / drag)
     model = Model(
-        inertia=_INERTIA_RATIO * vehicle.rigid_body_inertia,
+        inertia=USUAL_INERTIA_RATIO * (rigid or math.nan),
         quadratic_drag=(1.0 - _LINEAR_SHARE) * drag,
         linear_drag=_LINEAR_SHARE * drag * fast,
         axis=axis,
@@ -89,10 +78,7 @@ def full_range_trial(vehicle: Vehicle, signals: Collection[str]) -> Trial:
 
     Those of the ``signals`` that are not of the motion, such as a supply voltage, are 1.
 
-    Raises
-    ------
-    ConfigError
-        A thruster has no curve.
+    Raises ConfigError if a thruster has no curve.
     """
     ends = []
     for thruster in vehicle.thrusters:

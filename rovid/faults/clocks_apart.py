@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -220,16 +221,17 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     found = response_delay(data.runs) if data.runs else None
     if found is None:
         return
-    with_heading = response_delay(data.runs, of_heading=True)
-    if all(each and _is_offset(-each.delay, each, data.runs) for each in (found, with_heading)):
+    with_heading = cache(partial(response_delay, data.runs, of_heading=True))  # Only for logs that seem to be early.
+    if _is_early(found, data.runs) and _is_early(with_heading(), data.runs):
         yield Detection(fault=_early_motion(tuple(parts), found))
         return
     for name, runs in parts.items():
         # A log alone hardly determines delay and model; the model of all logs is biased by hidden causes. Both agree.
-        own, delays = response_delay(runs), [response_delay(runs, found.values)]
-        if with_heading is not None:
-            delays.append(response_delay(runs, with_heading.values, of_heading=True))
-        if own and all(each and _is_offset(-each.delay, each, runs) for each in (own, *delays)):
+        known, own = response_delay(runs, found.values), response_delay(runs)
+        if own is None or not (_is_early(known, runs) and _is_early(own, runs)):
+            continue
+        common = with_heading()
+        if common is None or _is_early(response_delay(runs, common.values, of_heading=True), runs):
             yield Detection(fault=_early_motion((name,), own))
     if joined and _is_offset(found.delay, found, data.runs):
         yield Detection(fault=_late_motion(tuple(parts), found))
@@ -280,6 +282,11 @@ def _late_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
 def _fault(logs: Sequence[str], found: ResponseDelay, text: str) -> Fault:
     size, error = found.delay, found.error
     return Fault(fault="clocks_apart", logs=tuple(logs), text=text, size=size, standard_error=error, unit="s")
+
+
+def _is_early(found: ResponseDelay | None, runs: Sequence[Run]) -> bool:
+    """Whether the motion comes before the commands."""
+    return found is not None and _is_offset(-found.delay, found, runs)
 
 
 def _is_offset(offset: float, found: ResponseDelay, runs: Sequence[Run]) -> bool:

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Self
 
 from rovid import __version__
 from rovid.core.errors import ConfigError, RovidError
@@ -62,7 +62,7 @@ class CampaignRecord:
         return to_json({"schema": SCHEMA, **asdict(self)}) + "\n"
 
     @property
-    def reduced(self) -> "CampaignRecord":
+    def reduced(self) -> Self:
         """The record with only those parts of the diagnosis that table and page need, to save memory."""
         if self.diagnosis is None:
             return self

@@ -86,14 +86,14 @@ class PlanarMotion:
         speed: FloatArray,
         *,
         yaw_only: bool = False,
-    ) -> "PlanarMotion":
+    ) -> Self:
         """The motion by `rovid.planar.equations.simulate_runs`, of runs or windows one after the other."""
         states = np.zeros((len(time), STATES))
         simulate_runs(offsets, time, inputs, starts, speed, yaw_only, model.coefficients, states)
         return cls.of_states(time, states, model.current)
 
     @classmethod
-    def of_states(cls, time: FloatArray, states: FloatArray, current: tuple[float, float]) -> "PlanarMotion":
+    def of_states(cls, time: FloatArray, states: FloatArray, current: tuple[float, float]) -> Self:
         """The motion of (n, 12) states of `rovid.planar.kernels`, in a current to north and east in m/s."""
         heading = states[:, HEADING]
         cosine, sine = np.cos(heading), np.sin(heading)

@@ -7,6 +7,7 @@ A simulated manoeuvre starts on a straight course at the steady speed of a const
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -55,7 +56,7 @@ class SteeringSystem:
     rudder_rate: float = math.inf  #: rad/s at which the rudders move, or 1/s of the largest torque.
 
     @classmethod
-    def of(cls, data: PlanarData, model: PlanarModel) -> "SteeringSystem":
+    def of(cls, data: PlanarData, model: PlanarModel) -> Self:
         """The steering of the runs. Raises DataError if the vehicle neither moves ahead nor turns in the runs."""
         held = [run.forces() for run in data.runs]
         force = np.concatenate([one.force for one in held])

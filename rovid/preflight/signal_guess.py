@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -71,7 +72,7 @@ class ColumnMapping:
         commands = [command.source for command in self.commands]
         return [signal.source for signal in self.signals.values()] + commands + angles
 
-    def of(self, columns: Iterable[str]) -> "ColumnMapping":
+    def of(self, columns: Iterable[str]) -> Self:
         """The mapping with the sources among ``columns`` that have no meaning."""
         return replace(self, unused=tuple(source for source in columns if source not in self.sources))
 

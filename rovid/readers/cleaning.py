@@ -5,6 +5,7 @@ Nothing is interpolated or smoothed. A value that is no measurement becomes NaN 
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -107,8 +108,8 @@ class _Samples:
             return self.quantum
         return 0.0
 
-    def without(self, bad: BoolArray) -> "_Samples":
-        return _Samples(self.time[~bad], self.angle[~bad], self.kind, self.name)
+    def without(self, bad: BoolArray) -> Self:
+        return type(self)(self.time[~bad], self.angle[~bad], self.kind, self.name)
 
 
 def clean(

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class TimeBase:
     rows: BoolArray | slice = field(default_factory=lambda: slice(None))
 
     @classmethod
-    def union(cls, position: TimedSeries, commands: Sequence[TimedSeries], begin: float, end: float) -> "TimeBase":
+    def union(cls, position: TimedSeries, commands: Sequence[TimedSeries], begin: float, end: float) -> Self:
         """Instants from ``begin`` to ``end`` (s) at which the position was measured or a command changed."""
         if all(command.time is position.time for command in commands):
             first, last = np.searchsorted(position.time, (begin, end)).tolist()

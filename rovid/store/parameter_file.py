@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from itertools import combinations_with_replacement
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -97,11 +97,11 @@ class Parameters:
     #: Id of each effect outside the catalogue -> the plug-in that its values were fitted with.
     plugins: Mapping[str, Origin] = field(default_factory=dict)
 
-    def cleared(self) -> "Parameters":
+    def cleared(self) -> Self:
         """A copy without parameters; the paths of the logs stay."""
         return replace(self, entries={}, covariance={}, sources=(), settings=None, undetermined=(), assumed={})
 
-    def with_estimate(self, estimate: Estimate, provenance: Provenance | None = None) -> "Parameters":
+    def with_estimate(self, estimate: Estimate, provenance: Provenance | None = None) -> Self:
         """A copy with the parameters of ``estimate`` added or replaced."""
         replaced = set(estimate.names)
         if self.axis is PLANAR:  # All parameters of the coupled model come from one fit.

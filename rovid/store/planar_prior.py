@@ -9,19 +9,20 @@ from typing import Any
 from rovid.core.errors import ConfigError, suggestion
 from rovid.core.input_files import SMALLEST, expected_number
 from rovid.model.parameter_names import PLANAR_UNITS, RUDDER_UNITS, unit_of
-from rovid.planar.hull import hull_parameters
 from rovid.planar.model import SNAME
 from rovid.planar.prior import PlanarPrior, PriorValue
 from rovid.store.load import read_parameters
 from rovid.trial.axis import PLANAR
 from rovid.trial.config import Config
+from rovid.trial.hull import hull_parameters
 from rovid.trial.tables import read_table
+from rovid.trial.vehicle import USUAL_INERTIA_RATIO
 
 # Relative standard errors of a value without one and of a sister vehicle, and of a hull's added mass and drag.
 # Decisions.
 _RELATIVE_ERROR, _OF_HULL = 0.3, 0.5
-# Total inertia over that of the rigid body, and the relative standard error. Published vehicles have 1.1 to 2.5.
-_OF_RIGID, _RIGID_ERROR = 1.66, 0.41
+# Relative standard error of the usual inertia over that of the rigid body: half of the published range, in logarithms.
+_RIGID_ERROR = 0.41
 _KEYS = ("file", "scale", "relative_error", "hull", "rigid_body")
 _HULL_KEYS = {"length", "beam", "draught", "height", "drag_coefficient"}
 _COLUMNS = ("parameter", "value", "standard_error")
@@ -90,7 +91,7 @@ class _PriorParser:
             raise self.error("rigid_body", f"is {wanted!r}; true or false was expected.")
         if wanted and self.config.vehicle.mass is None:
             raise self.error("rigid_body", "needs the mass of the vehicle.", "Add mass = … to [vehicle].")
-        sizes = {name: _OF_RIGID * size for name, size in self.rigid.items() if wanted and size is not None}
+        sizes = {name: USUAL_INERTIA_RATIO * size for name, size in self.rigid.items() if wanted and size is not None}
         return {name: self.value(name, size, error * size, "the rigid body") for name, size in sizes.items()}
 
     def hull(self) -> dict[str, PriorValue]:

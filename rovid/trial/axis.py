@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 from rovid.core.errors import ConfigError, suggestion
 
@@ -246,7 +247,7 @@ class Signal:
         """Whether it is a latitude or a longitude."""
         return self.name in {"north", "east"} and self.unit in GEODETIC_UNITS
 
-    def for_format(self, kind: str) -> "Signal":
+    def for_format(self, kind: str) -> Self:
         """The signal with a source for ``kind``, taken from the format that shares its sources."""
         other = SHARED_SOURCES.get(kind, kind)
         if other not in self.sources:

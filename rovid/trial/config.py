@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from rovid.core.errors import NAME_LENGTH, ConfigError, suggestion
 from rovid.core.input_files import expected_number, read_toml, require_exists, special_kind
@@ -95,7 +95,7 @@ class Config:
         """Whether any signal is mapped to logs of the format ``kind``."""
         return any(kind in signal.for_format(kind).sources for signal in (*self.signals.values(), *self.commands))
 
-    def for_format(self, kind: str) -> "Config":
+    def for_format(self, kind: str) -> Self:
         """The configuration for logs of the format ``kind``, with its standard and shared sources."""
         signals = {}
         for name, (source, unit) in STANDARD_SOURCES.get(kind, {}).items():

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 from rovid.core.errors import ConfigError
 from rovid.trial.axis import Axis
+from rovid.trial.hull import WATER_DENSITY
 from rovid.trial.vehicle import Rudder, Steering, ThrustCurve, Thruster
 
 # Key of a motor's constant -> power of the command to which the thrust, or the torque, is proportional. A propeller's
@@ -119,8 +120,6 @@ RUDDER_GEOMETRY_KEYS = ("position", "area", "lift", "behind", "slipstream", "sta
 PLANAR_LEVERS = ("surge", "sway", "yaw_arm")
 # Levers below this, in shares or in m, are the rounding of cosines.
 _ROUNDING = 1e-9
-# kg/m^3 of fresh water; it only scales where a fit begins.
-_DENSITY = 1000.0
 # 1/rad; slope of the lift of a rudder of aspect ratio 1.5: 6.13 a/(a + 2.25) (Fujii 1960). A fit begins there.
 _LIFT_SLOPE = 2.45
 
@@ -213,7 +212,7 @@ def planar_rudder(
     }
     lift = numbers.get("lift")
     if lift is None and "area" in numbers:
-        lift = 0.5 * _DENSITY * numbers["area"] * _LIFT_SLOPE
+        lift = 0.5 * WATER_DENSITY * numbers["area"] * _LIFT_SLOPE
     if lift is None and "coefficient" in numbers and x:
         lift = abs(numbers["coefficient"] / x)
     behind = str(block.get("behind", ""))
@@ -223,7 +222,7 @@ def planar_rudder(
     slipstream, diameter = numbers.get("slipstream"), diameters.get(behind)
     if slipstream is None and diameter is not None:
         # Momentum theory: the square of the speed far behind a propeller grows by 2 T/(rho A).
-        slipstream = 2.0 / (_DENSITY * 0.25 * math.pi * diameter**2)
+        slipstream = 2.0 / (WATER_DENSITY * 0.25 * math.pi * diameter**2)
     stall = math.radians(numbers["stall"]) if "stall" in numbers else None
     rudder = Rudder(position=(x, y), lift=lift, behind=behind, slipstream=slipstream, stall=stall)
     # In place of a torque, which depends on the speed: its sense, for detectors of faults.

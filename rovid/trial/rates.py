@@ -4,6 +4,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class ZeroPhaseFilter:
     second: FloatArray
 
     @classmethod
-    def design(cls, *, period: float, cutoff: float) -> "ZeroPhaseFilter":
+    def design(cls, *, period: float, cutoff: float) -> Self:
         """Kernels for a grid of ``period`` s and a ``cutoff`` in Hz."""
         half = max(math.ceil(_HALF_WIDTH / cutoff / period), 3)
         t = np.arange(-half, half + 1) * period

@@ -173,6 +173,8 @@ class Thruster:
 
 # Plausible total over rigid-body yaw inertia. Published vehicles: 1.1 to 2.5; a closed hull full of water: 4.
 PLAUSIBLE_INERTIA_RATIO = (0.9, 8.0)
+# The usual ratio: the geometric mean of the published ones.
+USUAL_INERTIA_RATIO = 1.66
 
 
 @dataclass(frozen=True, kw_only=True)

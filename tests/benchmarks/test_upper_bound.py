@@ -29,11 +29,10 @@ def series(seed: int) -> Series:
 
 def test_a_network_predicts_runs_that_it_has_not_seen() -> None:
     network, held_out = Network(MODEL, [series(1), series(2), series(3)], constant=1.5), series(4)
-    plain = Model(inertia=10.0, quadratic_drag=8.0, linear_drag=4.0)
     without = np.empty(len(held_out.rate))
     without[0] = 0.0
     for at, torque in enumerate(held_out.torque[:-1]):
-        drag = (plain.quadratic_drag * abs(without[at]) + plain.linear_drag) * without[at]
-        without[at + 1] = without[at] + STEP * (torque - drag) / plain.inertia
+        drag = (MODEL.quadratic_drag * abs(without[at]) + MODEL.linear_drag) * without[at]
+        without[at + 1] = without[at] + STEP * (torque - drag) / MODEL.inertia
     errors = [float(np.mean((rate - held_out.rate) ** 2)) for rate in (network.simulate(held_out), without)]
     assert errors[0] < 0.3 * errors[1]

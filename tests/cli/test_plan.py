@@ -77,6 +77,9 @@ def test_a_matrix_before_any_log_states_its_estimate(tmp_path: Path, rovid: Rovi
     assert "no log yet" in said
     # Rigid body 2335 kg m^2; the logs of this vehicle give 5050 in all.
     assert 2335.0 < float(said.partition("(inertia ")[2].split()[0]) < 3.0 * 5050.0
+    refused = rovid("plan", "--matrix", *names, "--effect", "supply_sag")
+    assert refused.code == 2
+    assert "--effect: needs logs" in refused.err
     toml = tmp_path / "rovid.toml"
     toml.write_text(re.sub("(?m)^length.*", "", toml.read_text()))
     done = rovid("plan", "--matrix", *names)

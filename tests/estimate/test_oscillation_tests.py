@@ -351,9 +351,8 @@ def test_the_real_ship_is_damped_by_its_speed_and_bends(rovid: Rovid) -> None:
     assert fit["free_run_r2"]["this_fit"] > 0.99
 
 
-@pytest.mark.parametrize("damage", ["walk", "shuffled", "moves"])
-@pytest.mark.parametrize("command", ["fit", "fit-inertia", slow("diagnose")])
-@pytest.mark.slow
+@pytest.mark.parametrize("damage", ["walk", slow("shuffled"), "moves"])
+@pytest.mark.parametrize("command", ["fit", slow("fit-inertia"), slow("diagnose")])
 def test_motion_that_is_no_swing_is_refused(command: str, damage: str, tmp_path: Path, rovid: Rovid) -> None:
     rng = np.random.default_rng(5)
     shutil.copytree(SHIP, tmp_path / "day")

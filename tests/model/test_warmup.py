@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rovid.model.kernels import warmup
-from tests.conftest import ROOT, slow
+from tests.conftest import ROOT
 
 USE = """
 import json, sys
@@ -71,8 +71,8 @@ def test_a_second_process_compiles_at_first_use(tmp_path: Path) -> None:
     ("fate", "begun"),
     [
         ("sys.executable = '/nonexistent'", 0),
-        slow("sys.executable = 'false'", 1),
-        slow("import threading; threading.Timer(0.5, lambda: begun[0].stop()).start()", 1),
+        ("sys.executable = 'false'", 1),
+        ("import threading; threading.Timer(0.5, lambda: begun[0].stop()).start()", 1),
     ],
 )
 @pytest.mark.slow

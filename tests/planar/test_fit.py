@@ -22,7 +22,6 @@ from rovid.planar.model import BASE_NAMES, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import planar_sizes, start_values
 from rovid.trial.preprocessing import prepare_trials
-from tests.conftest import slow
 from tests.planar.vehicles import Truth, box_rov, campaign, torpedo, usv
 
 # Standard errors: the largest of a dozen independent normal deviates exceeds 3.5 in 1 of 180 fits; seeds are fixed.
@@ -43,8 +42,9 @@ def deviations(fitted: PlanarFit, truth: Truth) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("truth", "hold"), [slow(box_rov(3), 6.0), slow(torpedo(3), 8.0)], ids=["box ROV with DVL", "torpedo with rudder"]
+    ("truth", "hold"), [(box_rov(3), 6.0), (torpedo(3), 8.0)], ids=["box ROV with DVL", "torpedo with rudder"]
 )
+@pytest.mark.slow
 def test_the_truth_is_within_the_errors(truth: Truth, hold: float) -> None:
     fitted = fit_planar(campaign(truth, runs=2, levels=20, hold=hold, seed=3))
     found = deviations(fitted, truth)

@@ -15,7 +15,7 @@ from rovid.trial.axis import AXES
 from rovid.trial.config import find_config, load_config
 from rovid.trial.vehicle import Thruster, Vehicle
 from tests import synthetic
-from tests.conftest import SAMPLES, slow
+from tests.conftest import SAMPLES
 from tools.hard import draw
 from tools.steering import OPEN, steered
 
@@ -43,7 +43,7 @@ def test_pseudo_random_runs_are_no_feedback() -> None:
     assert detect_feedback(trials, LOGGED) == []
 
 
-@pytest.mark.parametrize(("campaigns", "runs"), [(12, 9), slow(40, 40)])
+@pytest.mark.parametrize(("campaigns", "runs"), [(12, 9), (40, 40)])
 @pytest.mark.slow
 def test_hard_campaigns_are_no_feedback(campaigns: int, runs: int) -> None:
     found: dict[str, list[bool]] = {}

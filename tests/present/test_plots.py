@@ -58,7 +58,7 @@ def test_no_text_leaves_the_figure(day: ReportData) -> None:
         assert box.y1 <= figure.get_figheight(), name
 
 
-@pytest.mark.parametrize("width", ["84mm", pytest.param("174mm", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("width", ["84mm", "174mm"])
 @pytest.mark.slow
 def test_a_journal_gets_its_width_with_all_text_within(day: ReportData, width: str) -> None:
     with canvas.journal_plots(width):

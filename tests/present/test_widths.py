@@ -121,9 +121,7 @@ def test_every_command_is_looked_at() -> None:
     assert {command.split()[0] for command in (*OF_A_DAY, *OF_OTHERS)} == set(MANUAL) - {"open", "mcp"}
 
 
-@pytest.mark.parametrize(
-    "commands", [OF_A_DAY, pytest.param(OF_OTHERS, marks=pytest.mark.slow)], ids=["of a day", "of others"]
-)
+@pytest.mark.parametrize("commands", [OF_A_DAY, OF_OTHERS], ids=["of a day", "of others"])
 @pytest.mark.usefixtures("folder", "blank")
 @pytest.mark.slow
 def test_output_fits_and_numbers_are_whole(

@@ -10,20 +10,20 @@ import pytest
 
 from rovid.effects import FORMS
 from rovid.effects.base import Scales
-from tests.conftest import SAMPLES, Rovid, slow
+from tests.conftest import SAMPLES, Rovid
 from tests.scaling import Scaling, write_scaled
 
 HIDDEN = SAMPLES / "rosub_hidden"  # a lag and an asymmetry
 PLAIN = SAMPLES / "rosub_tank"
 ONE = Scaling()
 SCALINGS = [
-    slow(Scaling(time=0.1, torque=1e6, command=1e3)),
-    slow(Scaling(time=10.0, torque=1e-3)),
-    slow(Scaling(time=0.1)),
-    slow(Scaling(time=10.0)),
-    slow(Scaling(torque=1e-3)),
-    slow(Scaling(torque=1e6)),
-    slow(Scaling(command=1e3)),
+    Scaling(time=0.1, torque=1e6, command=1e3),
+    Scaling(time=10.0, torque=1e-3),
+    Scaling(time=0.1),
+    Scaling(time=10.0),
+    Scaling(torque=1e-3),
+    Scaling(torque=1e6),
+    Scaling(command=1e3),
 ]
 # Largest relative change of a parameter, and largest change in standard errors. Times in a log have 16 digits.
 # The optimiser ends within 0.05 of the largest log-likelihood: 0.3 standard errors at worst, but by the same steps.
@@ -48,7 +48,8 @@ def checked(document: Document) -> tuple[Any, ...]:
 
 
 @pytest.mark.parametrize("scaling", SCALINGS, ids=str)
-@pytest.mark.parametrize("source", [HIDDEN, slow(PLAIN)], ids=lambda source: source.name)
+@pytest.mark.parametrize("source", [HIDDEN, PLAIN], ids=lambda source: source.name)
+@pytest.mark.slow
 def test_results_scale_with_the_vehicle(source: Path, scaling: Scaling, tmp_path: Path, rovid: Rovid) -> None:
     logs, scaled = (write_scaled(source, tmp_path / name, size) for name, size in (("one", ONE), ("other", scaling)))
     assert checked(rovid("check", scaled, "--json").document) == checked(rovid("check", logs, "--json").document)

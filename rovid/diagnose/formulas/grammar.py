@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -134,7 +134,7 @@ class Product:
         text = "*".join(factor.code(factor.signal) for factor in self.factors) or "1"
         return f"memory({text})" if self.memory else text
 
-    def with_memory(self, constant: float) -> "Product":
+    def with_memory(self, constant: float) -> Self:
         """The product after a memory with another time constant in s."""
         return replace(self, memory=constant)
 
@@ -190,7 +190,7 @@ class Grammar:
     units: Mapping[str, str]  #: Signal -> unit.
 
     @classmethod
-    def of(cls, runs: Sequence[Run], parts: Sequence[Run], time_constant: float) -> "Grammar":
+    def of(cls, runs: Sequence[Run], parts: Sequence[Run], time_constant: float) -> Self:
         """All products of the signals that every one of the ``runs`` holds; ``parts`` are further pieces of them."""
         names = _signals(runs)
         every = (*runs, *parts)
