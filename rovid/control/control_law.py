@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid import __version__
 from rovid.core.array_types import ComplexArray, FloatArray
-from rovid.core.formatting import text_templates
+from rovid.core.formatting import TextTemplates
 from rovid.effects import term_effect
 from rovid.effects.base import TERM_STATES, Instant, Term
 from rovid.model.model import Model
@@ -177,7 +177,7 @@ def effect_torque(model: Model) -> TermTorque | None:
 # ---- source code
 
 
-_TEXTS = text_templates(__file__, "control_law")
+_TEXTS = TextTemplates(__file__, "control_law")
 
 
 def c_source(law: ControlLaw, guess: Assumptions) -> str:

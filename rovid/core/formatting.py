@@ -7,6 +7,7 @@ import re
 import tomllib
 from collections.abc import Collection, Sequence
 from csv import writer
+from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -218,6 +219,15 @@ def labelled_text(label: str, text: str = "", style: str = "bold") -> Text:
     )
 
 
-def text_templates(module: str, name: str) -> dict[str, str]:
-    """The texts in ``templates/NAME.toml`` next to the file of a ``module``, by name."""
-    return tomllib.loads((Path(module).parent / "templates" / f"{name}.toml").read_text(encoding="utf-8"))
+class TextTemplates:
+    """The texts in ``templates/NAME.toml`` next to the file of a ``module``, by their names; read at first use."""
+
+    def __init__(self, module: str, name: str) -> None:
+        self._path = Path(module).parent / "templates" / f"{name}.toml"
+
+    @cached_property
+    def _texts(self) -> dict[str, str]:
+        return tomllib.loads(self._path.read_text(encoding="utf-8"))
+
+    def __getitem__(self, name: str) -> str:
+        return self._texts[name]

@@ -14,7 +14,7 @@ from rovid.control.autopilot import AUTOPILOTS, AutopilotLaw, autopilot_loop, au
 from rovid.control.specs import ControllerOptions, loop_conditions
 from rovid.control.tuning import Margins
 from rovid.core.errors import DataError, escape_invisible
-from rovid.core.formatting import text_templates
+from rovid.core.formatting import TextTemplates
 from rovid.core.output_files import export_mark
 from rovid.export import python_vehicle_simulator
 from rovid.export.interface import ExportInput, ExportResult
@@ -26,7 +26,7 @@ _GAINS = (
     "gains."
 )
 _LOST = ("quadratic_drag", "linear_drag")
-_TEXTS = text_templates(__file__, "ardupilot_sitl")
+_TEXTS = TextTemplates(__file__, "ardupilot_sitl")
 
 
 def export_ardupilot(subject: ExportInput) -> ExportResult:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.core.formatting import text_templates, xml_attribute, xml_comment
+from rovid.core.formatting import TextTemplates, xml_attribute, xml_comment
 from rovid.core.output_files import export_mark
 from rovid.effects.actuator_inputs import actuator_inputs
 from rovid.export.body_equation import Scheme
@@ -19,7 +19,7 @@ from rovid.export.resimulation import equation_rate, thrust_torque
 from rovid.export.thruster_curves import ThrusterCurve, curve_comment, curve_effect_keys, thruster_curves
 from rovid.trial.trial import Trial
 
-_TEXTS = text_templates(__file__, "gazebo")
+_TEXTS = TextTemplates(__file__, "gazebo")
 
 NEWTONS = "Thruster takes newtons: convert commands by the curves in the comments, which hold the effects of the curve."
 # s, integration steps of gz-sim with DART (semi-implicit Euler) and of VRX's worlds.

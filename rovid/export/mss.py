@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.formatting import python_docstring, text_templates
+from rovid.core.formatting import TextTemplates, python_docstring
 from rovid.core.output_files import export_mark
 from rovid.export.interface import PERIOD, ExportInput, ExportResult
 from rovid.export.planar_input import PlanarExportResult, PlanarInput
@@ -25,7 +25,7 @@ STEP = 0.05
 _YAW_DAMPING = {"drag_curvature": "{cubic!r}*r*r"}
 _YAW_FACTORS = {"drag_asymmetry": "(1 + ({ratio!r} - 1)*(r < 0))"}
 _YAW_TORQUES = {"bias_torque": "{torque!r}", "tether_torsion": "-{stiffness!r}*psi"}
-_TEXTS = text_templates(__file__, "mss")
+_TEXTS = TextTemplates(__file__, "mss")
 # Forms of the strip integral.
 _STRIP_FORMS = {"cross_flow_drag", "cross_flow_drag:off_centre"}
 _LETTERS, _SPEEDS = "XYN", "uvr"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.formatting import text_templates, xml_attribute
+from rovid.core.formatting import TextTemplates, xml_attribute
 from rovid.core.output_files import export_mark
 from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.interface import ExportInput, ExportResult
@@ -21,7 +21,7 @@ from rovid.export.thruster_curves import (
     thruster_curves,
 )
 
-_TEXTS = text_templates(__file__, "mujoco")
+_TEXTS = TextTemplates(__file__, "mujoco")
 
 STEP = 0.002  # s, MuJoCo's default
 # Effects that an actuator or the joint represents.

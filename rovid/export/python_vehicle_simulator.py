@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.formatting import python_docstring, text_templates
+from rovid.core.formatting import TextTemplates, python_docstring
 from rovid.core.output_files import export_mark
 from rovid.export.interface import PERIOD, ExportInput, ExportResult
 from rovid.export.planar_input import PlanarExportResult, PlanarInput
@@ -30,7 +30,7 @@ _TERMS = {
     "drag_asymmetry": " - ({ratio!r} - 1.0) * (self.DQ * abs(r) + self.DL) * r * (r < 0.0)",
     "tether_torsion": " - {stiffness!r} * psi",
 }
-_TEXTS = text_templates(__file__, "python_vehicle_simulator")
+_TEXTS = TextTemplates(__file__, "python_vehicle_simulator")
 
 
 def vehicle_module(

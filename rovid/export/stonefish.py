@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from rovid.core.array_types import FloatArray
-from rovid.core.formatting import text_templates, xml_attribute
+from rovid.core.formatting import TextTemplates, xml_attribute
 from rovid.core.output_files import export_mark
 from rovid.export.body_equation import Scheme
 from rovid.export.interface import ExportInput, ExportResult
@@ -24,7 +24,7 @@ from rovid.export.thruster_curves import (
     thruster_lag,
 )
 
-_TEXTS = text_templates(__file__, "stonefish")
+_TEXTS = TextTemplates(__file__, "stonefish")
 
 _STEP = 0.002  # s
 _DENSITY = 1025.0  # kg/m^3

@@ -7,7 +7,7 @@ command (FirstOrder) in front of a conversion (LinearInterp). Axes are FLU, z up
 
 import math
 
-from rovid.core.formatting import identifiers, text_templates
+from rovid.core.formatting import TextTemplates, identifiers
 from rovid.core.output_files import export_mark
 from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.gazebo import frame_notes
@@ -23,7 +23,7 @@ from rovid.export.thruster_curves import (
     thruster_lag,
 )
 
-_TEXTS = text_templates(__file__, "uuv")
+_TEXTS = TextTemplates(__file__, "uuv")
 
 STEP = 0.002  # s, of uuv_simulator's worlds
 FILTER = 0.3

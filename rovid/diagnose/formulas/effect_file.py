@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rovid.core.formatting import text_templates
+from rovid.core.formatting import TextTemplates
 from rovid.diagnose.formulas.grammar import STATES, Product
 from rovid.effects import Effect
 from rovid.effects.actuator_inputs import SPEEDS
 
-_TEXTS = text_templates(__file__, "effect_file")
+_TEXTS = TextTemplates(__file__, "effect_file")
 # Bounds and initial size of a coefficient, as torque over the RMS torque in use, where the product has its RMS.
 _BOUND, _FIRST = 5.0, 0.03
 # Range of a memory's time constant about its start.
