@@ -1,8 +1,8 @@
-"""Measurements, each a program of its own."""
+"""Benchmarks. Each module is a program."""
 
 import os
 
-# As the command line does: what is measured is what its users wait for.
+# One thread, as in the command line: the benchmarks measure the time that users wait.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# No result depends on how busy the machine is.
+# s; the load of the machine must not change a result.
 os.environ.setdefault("ROVID_BUDGET", "3600")

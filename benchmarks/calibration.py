@@ -90,7 +90,7 @@ def _cause(truth: Truth, rng: np.random.Generator) -> Case:
     low, high = (each.hidden[0].parameters[law.size] for each in (weak, strong))
     share = rng.random()
     if math.isinf(law.null):
-        # The less there is of it, the more it does.
+        # A smaller parameter makes this effect stronger.
         low, high = low / WEAKER, high / STRONGER
         size = low * (high / low) ** share
     else:
@@ -107,7 +107,7 @@ def _form(effect: str) -> str:
 
 
 def diagnosed(seed: int, numbers: Sequence[int], jobs: int, timeout: float) -> Iterator[Record]:
-    """Draw the campaigns, diagnose them as a fleet, and keep what the page tells of each."""
+    """Draw campaigns, diagnose them as a fleet, and yield the records for the page."""
     with tempfile.TemporaryDirectory() as name:
         logs, out = Path(name) / "logs", Path(name) / "out"
         truths = [drawn(seed, number, logs / _folder(number)) for number in numbers]

@@ -24,7 +24,7 @@ Record = dict[str, Any]
 
 
 def write_page(records: Sequence[Record], path: Path | None, seed: int) -> str:
-    """Text of the page; with a path it is written there, its pictures beside it under pictures/."""
+    """Text of the page; with ``path``, write the text there and the plots to pictures/."""
     readings = [one for record in records for one in readings_of(record)]
     odds = [pair for record in records for pair in odds_of(record)]
     text = "\n\n".join(

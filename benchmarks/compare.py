@@ -100,7 +100,7 @@ def write_day(folder: Path, truth: Truth, seed: list[int], *, apart: bool) -> No
 
 
 def calm(seed: int, number: int, room: Path) -> tuple[list[tuple[str, Path]], dict[str, Any]]:
-    """Days of one vehicle, the first as it was, with what became of it by each other; and what is true of them."""
+    """Days of one vehicle, the first unchanged and each other with one change, and the truth."""
     truth, lag, apart = vehicle_of(seed, number)
     days = []
     for at, kind in enumerate(("", *KINDS)):

@@ -100,7 +100,7 @@ def decided(case: Case, rival: str, seed: int, truth: Truth = ROSUB) -> tuple[fl
 
 
 def rows(seed: int, only: str) -> Iterator[tuple[str, str, float, float, str]]:
-    """Each pair, as it comes."""
+    """Yield the result of each pair when it is complete."""
     cases = {case.name: case for case in all_cases(ROSUB)}
     for name, rival in PAIRS:
         if only in name and name in cases:

@@ -1,9 +1,9 @@
-"""Does `rovid init` find heading and thrusters in made-up folders of logs, and say what it could not find?
+"""Measure how often `rovid init` finds heading and thrusters in made-up folders of logs.
 
-Run ``python -m benchmarks.folders``. rovid sees the files alone. A folder is *right* where time, heading and its unit,
-and every thruster that turns the vehicle with its sense stand in rovid.toml, and nothing else as a thruster; *open*
-where rovid names whatever is missing or wrong, as open, in a warning or in its refusal; *wrong* where it does not.
-Without a heading nobody can tell a sense: who says that it is missing has said so of the senses.
+Run ``python -m benchmarks.folders``. rovid gets the files only. A folder is *right* if rovid.toml has the time, the
+heading with its unit, and every thruster that turns the vehicle with its sign, and no other thruster. A folder is
+*open* if rovid names every missing or wrong part in a warning or a refusal, and *wrong* otherwise. Without a heading
+no sign can be determined: a message about the missing heading covers the signs.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from tools.axis_folders import AxisFolder, write_axis_folder
 from tools.folders import Folder, write_folder
 
 Verdict = Literal["right", "open", "wrong"]
-# What a message has to speak of, besides the column itself, to have said it.
+# Words by which a message names a part without naming its column.
 _SAID = {"heading": ("heading",), "thruster": ("thruster", "command"), "time": ("time", "clock")}
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What is not as it should be: of the ``part`` of `_SAID`, at the ``source`` in the logs."""
+    """An error of rovid.toml in a ``part`` of `_SAID`, with its ``source`` in the logs."""
 
     part: str
     source: str

@@ -47,7 +47,7 @@ def said(command: str, out: str) -> str:
 
 
 def row(days: int, usage: Usage, first: Usage) -> str:
-    """What so many days took, and how many times as much as one."""
+    """Time and memory for ``days`` days, absolute and relative to one day."""
     rows = [(usage.seconds, first.seconds, "s"), (usage.processor, first.processor, "s of processor")]
     rows.append((usage.megabytes, first.megabytes, "MB"))
     return f"{days:3} x: " + ", ".join(f"{one:7.1f} {unit} ({one / base:5.2f} x)" for one, base, unit in rows)

@@ -13,7 +13,7 @@ ROWS = [*[name for _, name in VISIBILITY], "nothing hidden"]
 
 
 def write_page(records: list[dict[str, Any]], path: Path | None) -> str:
-    """Text of the page; with a path it is written there, its plot beside it under pictures/."""
+    """Text of the page; with ``path``, write the text there and the plot to pictures/."""
     scores = [score(record) for record in records]
     odds = [pair for one in scores for pair in one["odds"]]
     parts = [

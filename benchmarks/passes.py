@@ -148,7 +148,7 @@ def by_effect(readings: InnovationData) -> None:
 
 
 def from_anew(misfit: InnovationLikelihood, points: Sets, times: Iterator[int]) -> None:
-    """Each time a little farther aside, so that nothing of what drives the vehicle is known already."""
+    """Evaluate shifted points, so that no cached torque is used."""
     aside = 1e-9 * next(times)
     misfit.evaluate([x + aside for x in points])
 

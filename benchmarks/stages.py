@@ -63,7 +63,7 @@ Place = tuple[str, ...]
 
 @dataclass
 class Stage:
-    """What was spent in a stage, with all stages within it: time, the processor's of all threads, passes."""
+    """Wall-clock time, processor time of all threads, and passes of a stage, inner stages included."""
 
     seconds: float = 0.0
     processor: float = 0.0
@@ -71,7 +71,7 @@ class Stage:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Time added, as long as this lasts."""
+        """Add the time spent in this context."""
         begun, work_begun = time.perf_counter(), time.process_time()
         try:
             yield
@@ -84,7 +84,7 @@ class Stage:
 class Profile:
     """Every stage that was entered, by the stages around it.
 
-    The main thread alone enters stages; what others do is done for the stage that it waits in.
+    Only the main thread enters stages. The work of other threads counts for the stage in which the main thread waits.
     """
 
     stages: dict[Place, Stage] = field(default_factory=dict)
@@ -161,13 +161,13 @@ class Profile:
         return total
 
     def ordered(self) -> list[tuple[Place, Stage]]:
-        """All stages as they were first entered, each before those within it."""
+        """Stages in order of first entry, outer before inner."""
         order = {place: number for number, place in enumerate(self.stages)}
         ends = {place: [order[place[:end]] for end in range(1, len(place) + 1)] for place in order}
         return sorted(self.stages.items(), key=lambda item: ends[item[0]])
 
     def require_all(self) -> None:
-        """Refuse to tell of stages that were never entered."""
+        """Raise RuntimeError for stages that were never entered."""
         met = {place[-1] for place in self.stages}
         lacking = [f"{where} ({name})" for where, name in STAGES.items() if name not in met]
         if lacking:
@@ -192,12 +192,12 @@ def write_day(folder: Path, seed: int) -> None:
 
 
 def diagnosed(folder: Path) -> Diagnosis:
-    """From logs to what is said of them; looked up as it is called, so that it can be watched."""
+    """Diagnosis of the logs. The function is looked up at the call, because the profiler replaces it."""
     return study.open_study([folder]).diagnosis()
 
 
 def table(profile: Profile) -> str:
-    """A row a stage, and under it the stages within it; shares are of the whole."""
+    """Table with a row for each stage, inner stages below; shares of the total."""
     whole = profile.total(WHOLE)
     named = [("  " * (len(place) - 1) + place[-1], stage) for place, stage in profile.ordered()]
     named += [(f"all {name}", profile.total(name)) for name in (SCREENING, CLIMBS)]

@@ -89,12 +89,12 @@ class Job:
 
 
 def seed_of(*parts: object) -> int:
-    """A seed of its own for each campaign, whichever others are in the sweep."""
+    """Seed of a campaign, independent of the other campaigns in the sweep."""
     return zlib.crc32("/".join(map(str, parts)).encode())
 
 
 def planned(arguments: argparse.Namespace) -> list[Job]:
-    """All campaigns that are asked for, shuffled: a sweep that is cut short is a fair sample."""
+    """Requested campaigns in random order: an interrupted sweep is then a fair sample."""
     vehicles = list(NAMED) if arguments.vehicle == "all" else [arguments.vehicle]
     counts = {"pair": arguments.pairs, "triple": arguments.triples}
     jobs: list[Job] = []
@@ -129,17 +129,17 @@ def group_jobs(vehicle: str, kind: Kind, together: int, count: int, seed: int) -
         yield Job(vehicle=vehicle, name=name, kind=kind, size="strong", cases=group)
 
 
-# What is said of it
+# Answers and their evaluation
 
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """A campaign, what was hidden in it and what was said; ``answer`` None: there was none, for ``error``.
+    """A campaign, its hidden effects and rovid's answer; without an answer, ``error`` has the reason.
 
     Attributes
     ----------
     seed, campaign_seed
-        Of the sweep; of this campaign's disturbance and noise.
+        Seeds of the sweep, and of this campaign's disturbance and noise.
     expected
         Effects by their names in the contract.
     plain
@@ -147,7 +147,7 @@ class Result:
     parameters, dynamics
         True values, the drag in rovid's terms.
     seconds
-        That the diagnosis took.
+        Duration of the diagnosis.
     """
 
     seed: int
@@ -212,7 +212,7 @@ def restated_drag(truth: Truth) -> dict[str, float]:
 
 
 def diagnosed(scratch: Path, rovid: Path, limit: float) -> tuple[Document | None, str | None]:
-    """(answer, None), or (None, what went wrong)."""
+    """(answer, None), or (None, error message)."""
     command = [str(rovid), "diagnose", "logs", "--json", "-p", "parameters.toml"]
     try:
         done = subprocess.run(
@@ -250,7 +250,7 @@ def checked(document: Document) -> Document:
 
 @dataclass(frozen=True)
 class Finding:
-    """An effect that was named, and what it ``cannot`` be told from."""
+    """A named effect, and the rivals from which it ``cannot`` be distinguished."""
 
     effect: str
     cannot: frozenset[str]
@@ -479,7 +479,7 @@ def in_short(results: Sequence[Result]) -> Iterator[list[str]]:
 
 
 def in_wide_campaigns() -> Iterator[list[str]]:
-    """As the section on wide campaigns has it; nothing without that section."""
+    """Rows from the section on wide campaigns, if the section exists."""
     text = marked_section(DOCS / "confusion.md")
     named, wrong, false = (
         re.search(f"{re.escape(words)}: (\\d+) of (\\d+)", text) for words in (EVIDENT_NAMED, EVIDENT_WRONG, FALSE)
@@ -494,7 +494,7 @@ def in_wide_campaigns() -> Iterator[list[str]]:
 
 
 def in_hard_water() -> Iterator[list[str]]:
-    """As the page on hard water has it."""
+    """Rows from the page on hard water."""
     # The targets come before the results.
     _, _, text = " ".join((DOCS / "hard.md").read_text(encoding="utf-8").split()).partition(" Results: ")
     causes = re.search(r"(\d+) of (\d+) established causes are right", text)
@@ -517,7 +517,7 @@ def in_hard_water() -> Iterator[list[str]]:
 
 
 def of_real_logs() -> Iterator[list[str]]:
-    """As the page on real logs has it, all sets together."""
+    """Totals of all sets on the page on real logs."""
     text = (DOCS / "real.md").read_text(encoding="utf-8")
     rows = [line.split("|")[2:8] for line in text.splitlines() if line.startswith("| [")]
     sums = [sum(int(row[column]) for row in rows) for column in range(6)]
@@ -585,7 +585,7 @@ def counted(results: Sequence[Result], kind: Kind) -> list[str]:
 
 def share(count: int, whole: int) -> str:
     """Count with its share of ``whole``, short enough for a column."""
-    # What is not all of them is not called so.
+    # An incomplete share is never rounded to 100 %, nor a share above zero to 0 %.
     percent = 100.0 if count == whole else min(max(round(100.0 * count / whole), 1), 99)
     return f"{count} ({percent:.0f} %)" if count else "0"
 

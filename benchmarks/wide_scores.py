@@ -8,9 +8,9 @@ from typing import Any
 
 from tools.wide.causes import ALL
 
-# Laws of ours that another effect of the catalogue describes as well as the effect by whose name they were drawn:
-# two lags in series are a lag and a delay to within a few per cent; a smooth dead band is a bent curve; a sag that
-# follows the load at once is a function of the thrust; a tether with a fixed slack heading pulls by the heading.
+# Our laws that another effect of the catalogue describes as well as the effect of the same name. Two lags in series are
+# nearly a lag and a delay, within a few per cent. A smooth dead band is a nonlinear curve. A sag that follows the load
+# at once is a function of the thrust. The torque of a tether with a fixed slack heading depends on the heading.
 CLASSES: Mapping[tuple[str, str], frozenset[str]] = {
     ("thruster_lag", "series"): frozenset({"command_delay"}),
     ("thruster_deadband", "smooth"): frozenset({"thrust_curve_shape"}),

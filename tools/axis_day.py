@@ -50,13 +50,13 @@ def write_axis_day(
     vehicle, axis
         One of `AXIS_VEHICLES`.
     hidden
-        What acts besides the plain model, each as `Hidden` or as the text that `hide` takes.
+        Effects in addition to the plain model, as `Hidden` or as the text for `hide`.
     seed
         Sets the disturbance and the noise; same seed, same files.
     variant
         Of the measurement, one of `METERS`; None: the axis's first.
     campaign
-        Runs of shares of the middling thrust; None: those that suit the axis.
+        Runs in shares of the middle thrust; None: the default runs of the axis.
     """
     truth = with_hidden(AXIS_VEHICLES[vehicle, axis], hidden)
     meter = meter_of(axis, variant)

@@ -1,14 +1,14 @@
-"""Simulated vehicles in surge, heave and pitch: their truths, what measures them and what can be hidden.
+"""Simulated vehicles in surge, heave and pitch: true values, sensors and effects that can be hidden.
 
-Body axes x forward, y starboard, z down; the three equations, and whatever is hidden on top (tools/hidden.py):
+Body axes x forward, y starboard, z down; three equations, to which hidden effects are added (tools/hidden.py):
 
     surge    m*udot + DQ*|u|*u + DL*u = T + d
     heave    m*wdot + DQ*|w|*w + DL*w = T + B + d                       B weight less buoyancy, downwards
     pitch    I*qdot + DQ*|q|*q + DL*q + K*sin(theta - theta0) = T + d      thetadot = q, positive bow up
 
 T is the sum of arm*thrust(command), with `Thruster.arm` a share of the thrust in surge and heave and m in pitch. In
-`Dynamics`, B is ``net_force``, K is ``restoring`` and theta0 is ``level``. Each vehicle moves along its one axis: the
-other five degrees of freedom are held still.
+`Dynamics`, B is ``net_force``, K is ``restoring`` and theta0 is ``level``. Each vehicle has one degree
+of freedom. The other five are held fixed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _STILL = Attitude(roll=0.0, pitch=0.0, wander=0.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Meter:
-    """What measures the motion.
+    """Sensor of the motion.
 
     Attributes
     ----------

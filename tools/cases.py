@@ -102,7 +102,7 @@ def _actuator_sizes(vehicle: Truth) -> dict[tuple[str, str], _Sizes]:
     kind = _class_of(vehicle)
     pace = vehicle.pace or 1.0
     thrust, rate = vehicle.middle_thrust, vehicle.middle_rate
-    beyond = vehicle.middle - vehicle.thrusters[0].curve.dead_zone  # command that does the work
+    beyond = vehicle.middle - vehicle.thrusters[0].curve.dead_zone  # middle command beyond the dead zone
     total = thrust * len(vehicle.thrusters)
     rise = tuple(vehicle.middle / seconds for seconds in _RISE[kind])
     # A share of the middling thrust at the middling rate: coefficient sqrt(F) arm r = share F.

@@ -85,7 +85,7 @@ def needed(truth: Truth) -> tuple[str, ...]:
 def courses(truth: Truth, duration: float, rng: np.random.Generator) -> dict[str, Signal]:
     """Course through ``duration`` in s of each channel that is needed."""
     pace = truth.pace or 1.0
-    # One generator a channel: what one of them does never depends on which others are logged.
+    # A separate generator for each channel: the values of a channel do not depend on the other logged channels.
     generators = dict(zip(CHANNELS, rng.spawn(len(CHANNELS)), strict=True))
     return {name: _course(_of(name, truth), duration, pace, generators[name]) for name in needed(truth)}
 

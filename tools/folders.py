@@ -1,8 +1,8 @@
-"""Folders of trial logs as engineers keep them, of made-up vehicles, each with what a reader of them should find.
+"""Folders of trial logs of made-up vehicles, as engineers keep them, each with the columns that rovid should find.
 
-Run ``python -m tools.folders OUT --seed 1 --count 40``. It writes OUT/00, OUT/01, … and OUT/truth.json beside them.
-Names are of five languages and many styles; units, senses, clocks, separators, decoys and what is left out vary; the
-motion is that of a plain vehicle, driven by held levels, steps, a random sequence, a hand at the stick or an autopilot.
+``python -m tools.folders OUT --seed 1 --count 40`` writes OUT/00, OUT/01, … and OUT/truth.json. Names are in five
+languages and many styles. Units, signs, clocks, separators, decoys and missing columns vary. A plain vehicle is driven
+by held levels, steps, a random sequence, a hand at the stick or an autopilot.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Craft:
 
     @property
     def teams(self) -> tuple[tuple[bool, ...], ...]:
-        """Which thrusters turn it together: all, and where there are tunnels those or the screws alone, too."""
+        """Groups of thrusters that turn the vehicle: all; with tunnel thrusters also the tunnels or the screws."""
         tunnels = tuple(bool(mount.sway and not mount.surge) for mount in self.mounts)
         everyone = (True,) * len(tunnels)
         return (everyone, tunnels, tuple(not tunnel for tunnel in tunnels)) if any(tunnels) else (everyone,)
@@ -83,7 +83,7 @@ CRAFTS = (
         floats=True,
     ),
 )
-# A vehicle of which one torque is logged, as its controller asked for it.
+# A vehicle with one logged torque, the torque that the controller demands.
 _TORQUE = Craft(name="torque alone", mounts=(Mount(role=(), yaw=1.0),), tau=4.0, rate=0.3)
 
 # Kind of command -> (at full thrust either way, counted from neutral; neutral; decimals).
@@ -118,17 +118,17 @@ _TIMES = ("s", "s", "s since start-up", "ms", "epoch s", "epoch ms", "iso8601", 
 
 @dataclass(frozen=True, kw_only=True)
 class Clocks:
-    """How the thrusters' logger, where it is another one, keeps time.
+    """Clock of a separate logger of the thrusters.
 
     Attributes
     ----------
     apart
-        s that its clock is ahead of the other one at the day's beginning; in logs that begin at 0 by themselves it
-        began to log so much earlier, or later, each time by up to as much.
+        s; lead of its clock at the beginning of the day. If the logs start at 0, the difference of the starts, up to
+        this value in both directions.
     drift
-        s that come to that each s.
+        Further lead in each second, s/s.
     twice
-        What of the motion it logs too, by a sensor of its own: a heading or a yaw rate.
+        Motion that this logger also measures by a separate sensor: a heading or a yaw rate.
     """
 
     apart: float = 0.5
@@ -144,7 +144,7 @@ class Clocks:
 
 @dataclass(frozen=True, kw_only=True)
 class Folder:
-    """What a reader of the folder should find. Names are as in the logs.
+    """Expected result of reading the folder. Names are as in the logs.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class Folder:
     thrusters
         Name -> whether a greater command turns that heading up (1), down (-1) or not (0).
     decoys
-        Name -> what it is.
+        Mapping from a name to its meaning.
     time, time_unit
         A column, and s, ms, epoch or iso8601; none in MCAP.
     yaw_rate, yaw_rate_unit
@@ -261,8 +261,8 @@ class Namer:
 def write_folder(folder: Path, *, seed: int, index: int, clocks: Clocks | None = None) -> Folder:
     """Write the logs of the draw's folder ``index`` into ``folder`` and return what they hold.
 
-    Vehicle, language, format and one file a sensor go by ``index``, so that 40 in a row have their share of each; where
-    ``clocks`` are given, it is one file a sensor in any case.
+    Vehicle, language, format and the split into one file for each sensor follow from ``index``: 40 consecutive folders
+    have a fixed share of each. With ``clocks`` every folder has one file for each sensor.
     """
     rng = np.random.default_rng([seed, index])
     folder.mkdir(parents=True, exist_ok=True)

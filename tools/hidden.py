@@ -20,13 +20,13 @@ class Form:
     Attributes
     ----------
     says
-        What it does.
+        Description of the form.
     size
-        The parameter that makes it strong or weak.
+        Name of the parameter that sets the strength.
     null
-        Value of ``size`` at which nothing is left of it.
+        Value of ``size`` without an effect.
     others
-        The further parameters, which must be given too.
+        Names of the other parameters, all required.
     """
 
     says: str

@@ -1,7 +1,7 @@
-"""Hides an effect in a real log, file by file, where that can be done without simulating the vehicle anew.
+"""Hide an effect in a real log, file by file, if no new simulation of the vehicle is necessary.
 
-What was measured stays as it was; what is *told* of it changes: the logged commands, the thrust curve that is given,
-or the heading. What cannot be hidden in this way (all that acts through the motion) is refused.
+The motion stays as measured. The logged commands, the thrust curve or the logged heading change. Effects that act
+through the motion cannot be hidden in this way and are refused.
 
 Run ``python -m tools.inject sample_logs/bluerov2_pier59 OUT command_delay delay=0.2``.
 """
@@ -138,7 +138,7 @@ def _deviating_heading(table: pd.DataFrame, source: Source, hidden: Hidden) -> p
 
 
 def _without_dead_zone(offset: FloatArray, thrust: FloatArray, hidden: Hidden) -> FloatArray:
-    """Curve that lacks ``deadband``: curve'(v) = curve(|v| + deadband), so that shifted by it it is the true one."""
+    """Curve without the dead band: curve'(v) = curve(|v| + deadband). Shifted by ``deadband`` the curve is true."""
     moved = offset + np.sign(offset) * hidden.parameters["deadband"]
     return np.asarray(np.interp(moved, offset, thrust))
 

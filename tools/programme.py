@@ -66,7 +66,7 @@ class Run:
     pieces
         Commanded one after the other, after LEAD s of zero.
     only
-        The one thruster that is driven, or None for all of them.
+        Name of the driven thruster; None: all thrusters.
     format
         Of the log.
     command_rate

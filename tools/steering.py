@@ -47,7 +47,7 @@ class _Scene:
         return max(1, int(self.rng.uniform(least, most) * self.tau / self.step))
 
     def levels(self, least: float, most: float, value: Callable[[int], float]) -> Floats:
-        """Levels one after the other, each for some time constants; the number of each tells its value."""
+        """Consecutive levels ``value(number)``, each ``least`` to ``most`` time constants long."""
         parts: list[Floats] = []
         held = 0
         while held < self.count:
@@ -57,7 +57,7 @@ class _Scene:
         return np.concatenate(parts)[: self.count]
 
     def rounded(self, torque: Floats, parts: int) -> Floats:
-        """As a converter puts it out."""
+        """Torque with the resolution of a converter."""
         return np.asarray(np.round(torque / self.torque * parts) / parts * self.torque)
 
     @property
@@ -206,7 +206,7 @@ def _coloured(count: int, step: float, memory: float, rng: np.random.Generator) 
 
 
 def _odd(rng: np.random.Generator, scene: _Scene) -> Floats:
-    """Lag in s, delay in s, dead zone in N m, share of the thrust in reverse: one of them, or none."""
+    """Lag in s, delay in s, dead zone in N m and share of the thrust in reverse, at most one with an effect."""
     odd = np.array([0.0, 0.0, 0.0, 1.0])
     sizes = (
         rng.uniform(0.1, 0.6) * scene.tau,

@@ -41,11 +41,11 @@ def write_trial_day(
     seed
         Sets the disturbance, the noise and the heading each run starts at; same seed, same files.
     formats
-        "mixed": each run in its own format, with its own command clock; "csv": all of them as CSV at 20 Hz.
+        "mixed": each run in its own format, with its own command clock; "csv": all runs as CSV at 20 Hz.
     truth
-        With what it hides.
+        Vehicle with its hidden effects.
     campaign
-        None: the one that suits ``truth``.
+        Runs; None: the default runs for ``truth``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_configuration(folder, truth)

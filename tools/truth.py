@@ -190,7 +190,7 @@ class Truth:
     middle
         Command, from neutral, that turns the vehicle at a middling rate.
     pace
-        Times of this vehicle's programme against those of ROSUB's; None: ROSUB's programme as it is.
+        Ratio of the times of this vehicle's programme to ROSUB's; None: ROSUB's programme without change.
     hidden
         What acts besides the plain model.
     channels

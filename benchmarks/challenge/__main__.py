@@ -1,8 +1,8 @@
-"""Runs a round: draws its campaigns, lets each entrant answer, scores, and writes the page.
+"""Run a round of the challenge: draw campaigns, collect the answers of all entrants, score, write the page.
 
-``python -m benchmarks.challenge`` repeats the last round that is open; ``--entrants stepwise sindy`` does some, and
-``--seal FILE`` makes the secret of a new round, keeps it in FILE, and prints the hash for rounds.json. Answers that are
-there stay: started again, it goes on where it ended.
+``python -m benchmarks.challenge`` repeats the last open round. ``--entrants stepwise sindy`` runs these entrants only.
+``--seal FILE`` draws the secret of a new round, writes it to FILE, and prints the hash for rounds.json. Existing
+answers are kept, and an interrupted round continues.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def main() -> None:
     folder = options.folder / f"round_{here['round']}"
     draw_round(secret, options.campaigns or here["campaigns"], folder)
     truths = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    # One of each simulator in turn, so that an entrant that is stopped has seen as many of each.
+    # The simulators alternate: an interrupted entrant has answered equally many campaigns of each.
     campaigns = [read_campaign(folder / name) for name in sorted(truths, key=lambda name: name.split("_")[1])]
     documents = {}
     for entrant in ENTRANTS:

@@ -122,16 +122,16 @@ causes. A quarter to a third of the campaigns have no cause.
 
 A campaign is a folder with `vehicle.json` and `run_01.csv`, `run_02.csv` and so on. There is no rovid.toml.
 
-- `vehicle`: mass in kg, length and width in m, and where it is known the rigid body's inertia in kg m^2.
+- `vehicle`: mass in kg, length and width in m, and the rigid body's inertia in kg m^2, if known.
 - `thrusters`: name, which is also the column of its commands, arm in m (torque = arm times thrust, positive turns the
-  heading up), and curve: pairs of command and thrust in N. A command holds until the next row. Of coupled vehicles also
-  surge and sway, the shares of the thrust ahead and to starboard.
-- `known`: what is described beyond that. `thruster_lag_s`: lag of the rotors. `advance_speed_loss`: N^0.5 s/m, as in
+  heading up), and curve: pairs of command and thrust in N. A command holds until the next row. Coupled vehicles also
+  have surge and sway, the shares of the thrust ahead and to starboard.
+- `known`: other known properties. `thruster_lag_s`: lag of the rotors. `advance_speed_loss`: N^0.5 s/m, as in
   [the effect](effects/advance_speed_loss.md). `waves`: whether there is a sea.
-- `held_out`: in the last run only the commands are given after `after_s`. The turn since then is asked for at
+- `held_out`: after `after_s` the last run has commands only. Predict the turn from that instant to each of
   `times_s`.
-- Columns: `time_s`, `heading_deg` (0 to 360, positive to starboard), and what was logged besides, in SI units where the
-  name has no unit. An empty cell has no reading.
+- Columns: `time_s`, `heading_deg` (0 to 360, positive to starboard), and the other logged signals, in SI units if the
+  name has no unit. An empty cell means no reading.
 
 The answers are one JSON file:
 

@@ -15,19 +15,19 @@ from benchmarks.challenge.rules import CAUSES, NONE, OTHER, PARAMETERS, Answer, 
 
 _UNITS = {"heading_deg": "deg", "yaw_rate_deg_s": "deg/s", "roll_deg": "deg", "pitch_deg": "deg"}
 _BUDGET = 3600.0  # s; the default of 60 s ends a search early on a busy machine
-_SURE = 0.97  # largest confidence that is believed
-_NOMINAL_ERRORS = 3.0  # a lag or loss within so many standard errors of the described one is no cause
-# Odds, before a look at the campaign, that an unexplained torque has a cause outside the list, and without one.
+_SURE = 0.97  # upper limit of a confidence
+_NOMINAL_ERRORS = 3.0  # standard errors; a lag or loss this close to the described value is no cause
+# Prior probability of a cause outside the list, with and without an unexplained torque.
 _UNEXPLAINED, _EXPLAINED = 0.5, 0.03
 
 
 def answer(campaign: Campaign) -> Answer:
-    """What rovid says of a campaign; raises RovidError where it refuses."""
+    """rovid's answer for one axis; RovidError if rovid refuses the campaign."""
     return _answer(campaign, None)
 
 
 def answer_planar(campaign: Campaign) -> Answer:
-    """What the coupled model says; raises RovidError where it refuses."""
+    """Answer of the coupled model; RovidError if rovid refuses the campaign."""
     return _answer(campaign, "planar")
 
 

@@ -21,20 +21,20 @@ Reader = Callable[[Document], Reading | None]
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What one command came to.
+    """Result of one command.
 
     Attributes
     ----------
     words
         The command, without ``rovid`` and ``--json``.
     seconds, processor_seconds
-        By the clock on the wall, and of all cores together.
+        Wall-clock time, and processor time of all cores.
     code
-        Exit status; None where it did not end in time.
+        Exit status; None if the time limit ended the command.
     document
-        What it printed, where it went well.
+        The printed document, if the command succeeded.
     message
-        What it said on standard error.
+        The text on standard error.
     """
 
     words: tuple[str, ...]
@@ -46,12 +46,12 @@ class Answer:
 
     @property
     def quiet_seconds(self) -> float:
-        """What it takes at most on a machine that does nothing else: others make the clock run, not the processor."""
+        """Upper bound of the time on an idle machine: other processes do not count as processor time."""
         return min(self.seconds, self.processor_seconds)
 
     @property
     def end(self) -> str:
-        """How it ended, in words; "" where it printed a document."""
+        """Words for a failure; "" if the command printed a document."""
         if self.document is not None:
             return ""
         if self.code is None:
@@ -294,7 +294,7 @@ def _odds(named: Document) -> str:
 
 
 def _meant(named: Document) -> set[str]:
-    """The effect and those that it cannot be told from."""
+    """The effect and its indistinguishable rivals."""
     rivals = named.get("cannot_be_told_from") or []
     return {named["effect"], *(rival if isinstance(rival, str) else rival["effect"] for rival in rivals)}
 

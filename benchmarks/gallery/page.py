@@ -32,7 +32,7 @@ _MADE = "<!-- Made by `python -m benchmarks.real`. Edit benchmarks/gallery and r
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """What the steps of one set came to.
+    """Results of the steps of one set.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Record:
     made_by
         Fingerprint of the program.
     cores
-        That it could use.
+        Number of cores available to the program.
     """
 
     key: str
@@ -52,7 +52,7 @@ class Record:
 
     @property
     def minutes(self) -> float | None:
-        """Of logs, as `check` has it; None where the set has none."""
+        """Duration of the logs by `check`; None without a result of `check`."""
         check = self.answers.get("check")
         if check is None or check.document is None:
             return None

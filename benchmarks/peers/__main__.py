@@ -1,7 +1,8 @@
-"""`rovid fit` beside other tools that fit inertia and drag to the same log of 600 s: time, and what they find.
+"""Compare `rovid fit` with other tools that fit inertia and drag to the same log of 600 s: time and estimates.
 
-Each is a process of its own, reading included. The others look for the least squares of heading less simulated heading,
-which is what is done with such tools; rovid maximises the likelihood of each next heading, and needs no guess to start.
+Each tool runs in a separate process, and the time includes reading. The other tools minimise the squared difference of
+measured and simulated heading, as is usual. rovid maximises the likelihood of one-step predictions, without a first
+guess.
 """
 
 from __future__ import annotations

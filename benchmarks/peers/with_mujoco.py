@@ -48,14 +48,14 @@ def main() -> None:
     modifiers = (set_inertia, set_quadratic, set_linear)
     for value, low, high, modifier in zip(START, LOW, HIGH, modifiers, strict=True):
         parameters.add(sysid.Parameter(modifier.__name__, value, low, high, modifier=modifier))
-    # Sampled evenly, so that the step is that of the log.
+    # Evenly sampled: the simulation step equals the log's interval.
     sequence = sysid.ModelSequences(
         "yaw",
         spec,
         "log",
         sysid.create_initial_state(model, heading[:1], np.zeros(1)),
         sysid.TimeSeries(time, torque[:, None]),
-        # The state, for a sensor shows it a step late.
+        # The state itself: a sensor is one step late.
         sysid.TimeSeries.from_names(time, heading[:, None], model, [("yaw", sysid.SignalType.MjStateQPos)]),
         allow_missing_sensors=True,
     )

@@ -1,4 +1,4 @@
-"""What is asked for, what is done already, and what came of it."""
+"""Command line of the torture benchmark: run the requested inputs that are not done yet, and print the results."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def planned(formats: Sequence[str], inputs: int, cuts: int, seed: int) -> list[Batch]:
-    """All that is to be done, each format in its turn: what is ended early is a fair sample."""
+    """All batches, alternating between formats: an interrupted run is then a fair sample."""
     cells = [(name, command) for name in formats for command in FORMATS[name].commands]
     each = -(-inputs // len(cells)) if inputs else 0
     found: list[tuple[float, Batch]] = []

@@ -80,13 +80,13 @@ def laid_out(folder: Path, case: Case) -> None:
 
 
 def must(arguments: Sequence[str], folder: Path) -> None:
-    """Run a command that has to do what it is asked for."""
+    """Run a command that must succeed."""
     done = run(arguments, folder)
     assert (done.code, done.failures) == (0, ()), f"{' '.join(arguments)}: {done}"
 
 
 def tree(folder: Path) -> Tree:
-    """Every file under ``folder``, without the moments that stand in them."""
+    """Every file under ``folder``, without the time stamps in the files."""
     return {
         str(path.relative_to(folder)): _MOMENT.sub(b"", path.read_bytes())
         for path in sorted(folder.rglob("*"))

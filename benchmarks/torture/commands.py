@@ -1,4 +1,4 @@
-"""One input through one command, as its user would run it, and whether what came of it is as it must be."""
+"""Run one command on one input, as a user would, and judge the result."""
 
 from __future__ import annotations
 
@@ -148,11 +148,11 @@ def located(stack: str) -> str:
 
 
 class Place:
-    """Folders in which inputs are tried, each with what stands beside them."""
+    """Folders for the inputs, each with the other files that the inputs need."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        # What `rovid check` says of each format's first sample when it is whole.
+        # Result of `rovid check` for the undamaged first sample of each format.
         self._said: dict[str, Any] = {}
         self._folders: dict[tuple[str, str, str], tuple[Path, frozenset[str]]] = {}
 

@@ -33,7 +33,7 @@ _NOBODY = 65534
 _PATHS = re.compile(r"/[^\s:;,()'\"]+")
 _BLOCK = 4096
 _DRAG, _INERTIA = ("fit-drag", "L"), ("fit-inertia",)
-# Command whose scene it is, and what meets in it.
+# Name of a pair -> case that lays out the folder, and the two commands.
 _PAIRS: Mapping[str, tuple[str, Sequence[str], Sequence[str]]] = {
     "drag and inertia": ("fit-inertia", (*_DRAG, "--cutoff", "0.3"), _INERTIA),
     "two pages": ("report", CASES["report"].new, CASES["report"].old),
@@ -62,12 +62,12 @@ class Scene:
 
 
 def scene(name: str, root: Path) -> Scene:
-    """The command done once in peace, twice to see that it writes the same."""
+    """Run the command undisturbed, and again to check that the files are equal."""
     case, folder, kept = CASES[name], root / name / "folder", root / name / "kept"
     laid_out(folder, case)
     folder.rename(kept)
     restore(folder, kept)
-    # Here, so that all that it imports and compiles is there when it is forked.
+    # In this process: forked processes then find all modules imported and all loops compiled.
     must(case.new, folder)
     new = tree(folder)
     restore(folder, kept)
@@ -261,7 +261,7 @@ def _named(text: str) -> list[Path]:
 
 
 def met(one: Scene, arguments: Sequence[Sequence[str]], number: int) -> Iterator[Failure]:
-    """Two commands on one folder: what is there then must be what one after the other leave."""
+    """Run two commands at once in one folder: the files must equal the files of two consecutive runs."""
     rng = Random(number)  # noqa: S311 - nothing secret
     one.reset()
     commands = []
@@ -281,7 +281,7 @@ def met(one: Scene, arguments: Sequence[Sequence[str]], number: int) -> Iterator
 
 @cache
 def in_turn(one: Scene, arguments: tuple[tuple[str, ...], ...]) -> list[Tree]:
-    """What is left by one after the other, in both orders."""
+    """Files after two consecutive commands, in both orders."""
     left = []
     for order in (arguments, arguments[::-1]):
         one.reset()

@@ -108,7 +108,7 @@ def tlog_frames(data: bytes) -> tuple[Frame, ...]:
 
 
 def _mavlink(data: bytes) -> Iterator[tuple[Frame, int]]:
-    """Each payload, and the number of its message, as far as the frames follow each other."""
+    """Payloads and message numbers of consecutive frames, up to the first gap."""
     at = 8
     while at + 10 < len(data) and data[at] in b"\xfd\xfe":
         new = data[at] == 0xFD

@@ -73,7 +73,7 @@ def _changed(rng: Random, sample: Sample, format_name: str) -> bytes:
 
 
 def _named(rng: Random, name: str) -> str:
-    """A name that a file system takes; what is no UTF-8 stands in it as Python has it."""
+    """Valid file name with random bytes; bytes that are not UTF-8 become surrogates."""
     stem, _, suffix = name.rpartition(".")
     weird = b"".join(rng.choice(_WEIRD) for _ in range(rng.choice((1, 1, 2)))) + rng.randbytes(rng.choice((0, 0, 3)))
     kept = weird.replace(b"/", b"").replace(b"\0", b"")[: rng.choice((8, 100, 240))]

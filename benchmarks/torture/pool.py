@@ -110,14 +110,14 @@ def _served(todo: queue.SimpleQueue[Batch], done: queue.SimpleQueue[Tried | Exce
 
 
 class _Keeper:
-    """Has a worker, and a new one when that dies."""
+    """Keep one worker, and replace a dead worker."""
 
     def __init__(self, root: Path, seed: int, longest: float, kind: type[Place]) -> None:
         self.root, self.seed, self.longest, self.kind = root, seed, longest, kind
         self._worker: tuple[multiprocessing.process.BaseProcess, Connection] | None = None
 
     def results(self, inputs: Sequence[Input]) -> list[Result]:
-        """One for each, whatever they do to the worker."""
+        """One result for each input, even if an input ends the worker."""
         found: list[Result] = []
         while len(found) < len(inputs):
             process, connection = self._worker = self._worker or self._started()

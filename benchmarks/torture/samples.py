@@ -44,7 +44,7 @@ class Sample:
     name
         Of the file, in its folder.
     beside
-        What else is in the folder.
+        Other files in the folder.
     frames
         Where its length fields are.
     needed

@@ -1,4 +1,4 @@
-"""What is done, kept in a file so that a run that was ended goes on, and what came of it all."""
+"""State of a run in a file, from which an interrupted run continues, and the summary of all results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Record = Mapping[str, Any]
 
 
 class State:
-    """Name of what was tried -> what came of it.
+    """Mapping from the name of an input to its result.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Another axis: roll decays of a ship model
 #
-# Three real decays of a model of the tanker KVLCC2, heeled by hand and released. Nothing drives them, so that all
-# parameters are per kg m^2 of the inertia.
+# Three real decays of a model of the tanker KVLCC2, heeled by hand and released. The model has no thrust.
+# All parameters are therefore per kg m^2 of the inertia.
 
 # %%
 import rovid

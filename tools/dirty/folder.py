@@ -48,7 +48,7 @@ _NONE = 0.15  # share of folders without a fault, where the fault is drawn
 def draw_folder(
     seed: int, number: int, fault: str | None = "any", hidden: str | None = None, form: str | None = None
 ) -> tuple[Campaign, dict[str, Any]]:
-    """Draw one campaign, and its truth as it stands in truth.json.
+    """Draw one campaign and its entry in truth.json.
 
     Parameters
     ----------

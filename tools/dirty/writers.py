@@ -262,5 +262,5 @@ def write_campaign(campaign: Campaign, folder: Path) -> None:
 
 
 def log_name(campaign: Campaign, run: str) -> str:
-    """Name of a trial as rovid gives it: that of its first file."""
+    """Name of a trial in rovid, which is the name of its first file."""
     return run + WRITERS[campaign.format][1]

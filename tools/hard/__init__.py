@@ -1,8 +1,8 @@
-"""Hard water: simulated campaigns to judge a diagnosis by. Shares nothing with what it judges.
+"""Hard water: simulated campaigns that test a diagnosis. No code is shared with rovid.
 
 A vehicle moves in surge, sway and yaw through waves, gusts and eddies; rotors, an autopilot or a person drive it;
-compass, gyro and DVL look at it with their faults. One cause is hidden in it, or none. `draw` makes a campaign from a
-seed, `write_campaign` puts into a folder what a user would have, `look` says how far the hidden cause shows.
+compass, gyro and DVL measure with errors. A campaign has one hidden cause or none. `draw` makes a campaign from a
+seed, `write_campaign` writes the files of a user to a folder, and `look` computes how visible the hidden cause is.
 """
 
 from tools.hard.campaign import Campaign, draw

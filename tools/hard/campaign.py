@@ -82,7 +82,7 @@ class Campaign:
 
 @dataclass(frozen=True)
 class _Plan:
-    """A run before it is simulated; all its chance is drawn, so that it can be run with and without a cause."""
+    """A run before its simulation. All random numbers are drawn: the run can be simulated with and without a cause."""
 
     drive: Drive
     start: float

@@ -14,7 +14,7 @@ from tools.hard.vehicles import Vehicle
 
 @dataclass(frozen=True)
 class Cause:
-    """What is hidden, as the simulator has it: numbers by place, and what sits elsewhere than in the array."""
+    """A hidden cause for the simulator: numbers by place in the array, and the other quantities."""
 
     effect: str
     form: str

@@ -34,7 +34,7 @@ def compiled(function: Callable[_Signature, _Result]) -> Callable[_Signature, _R
     return cast("Callable[_Signature, _Result]", machine)
 
 
-# A hidden cause: one array, in which a zero (or what `no_cause` holds) means that it does not act.
+# Places in the array of a hidden cause. Zero, or the value in `no_cause`, means no effect.
 (
     BIAS, CUBIC, POWER, POWER_RATE, ASYMMETRY, ASYMMETRY_RATE, COULOMB, STICTION, STRIBECK_RATE, COULOMB_RATE,
     OSCILLATORY, OSCILLATORY_ANGLE, MEMORY, MEMORY_TIME, MEMORY_QUADRATIC, SWIRL, SWIRL_BRAKE, TETHER, TETHER_HARDENING,

@@ -1,11 +1,11 @@
-"""How far the hidden cause shows: the heading predicted from many restarts, without it and with it as it truly is.
+"""Visibility of the hidden cause: errors of multi-step predictions of the heading without and with the true cause.
 
-Two models of yaw alone are fitted, each with its own inertia and drags, to the heading that was logged, over horizons
-of half to eight time constants from restarts every half. The plain one has the bench's torque and nothing else. The
-other has the truth's own cause beside it: in the drives as the torque that the simulator's rotors made with it less
-what they made without, in the water by the very function that the simulator used, with the speeds as they truly were
-and the water's own state known at each restart. Both miss what is always there: waves, gusts, the coupling with sway.
-Blocks of eight time constants alternate between two folds; a fold is judged with the parameters of the other.
+Two models of yaw are fitted to the logged heading, each with its own inertia and drag. The horizons are 0.5 to 8 time
+constants, with a restart every 0.5 time constants. The plain model has the torque of the bench curve only. The other
+model adds the true cause. A cause in the drives is the difference of the simulated rotor torques with and without the
+cause. A cause in the water is computed by the simulator's function, with the true speeds and the true state of the
+water at each restart. Neither model includes waves, gusts and the coupling with sway. Blocks of eight time constants
+alternate between two folds, and each fold is predicted with the parameters of the other fold.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ class Judge:
         self.truth = np.array([campaign.vehicle.total_inertia, hull[at.DQ], hull[at.DL]])
 
     def stretches(self, with_cause: bool, always: Collection[str] = ()) -> list[Stretch]:
-        """Every run as one of the models sees it; ``always`` adds parts of what is always there."""
+        """Runs as inputs of one model; ``always`` adds effects that act in every campaign."""
         return [
             self._stretch(run, every, with_cause, always)
             for run, every in zip(self.campaign.runs, self.every, strict=True)
@@ -295,7 +295,7 @@ def look(campaign: Campaign) -> dict[str, Any]:
     nothing, everything_there = judge.misfit(theta, ()), judge.misfit(theta, ALWAYS)
     for effect in ALWAYS:
         others = tuple(other for other in ALWAYS if other != effect)
-        # By itself, or beside all else: two may hide each other.
+        # The effect alone and in addition to all others, because two effects may compensate each other.
         shares = (nothing - judge.misfit(theta, (effect,)), judge.misfit(theta, others) - everything_there)
         facts["always_there"][effect] = 1.0 - float(np.exp(-max(shares)))
     facts["also_true"] = [effect for effect, share in facts["always_there"].items() if share >= SHOWS]

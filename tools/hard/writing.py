@@ -86,7 +86,7 @@ def _configuration(campaign: Campaign, listed: list[int]) -> str:
 
 
 def _clock_of(campaign: Campaign, run: Run) -> float:
-    """Epoch of a run's start: each campaign has its day."""
+    """Epoch of a run's start, with a separate day for each campaign."""
     return CLOCK + 86400.0 * (campaign.seed % 3000) + run.start
 
 

@@ -186,7 +186,7 @@ def _coloured(rng: np.random.Generator, count: int, step: float, memory: float) 
 
 
 def with_current(campaign: Campaign) -> Campaign:
-    """The campaign with the cause's current in the series of its runs: one current in all, or one that wanders."""
+    """Campaign with the cause's current in the series of its runs, constant or wandering."""
     cause = campaign.cause
     if cause is None or not cause.current:
         return campaign

@@ -19,7 +19,7 @@ _THIN = 400  # readings of a sensor in a run that the sensitivities use
 
 
 def truth_of(campaign: Campaign) -> dict[str, Any]:
-    """All true values, as JSON."""
+    """True values of the campaign, for JSON."""
     vehicle, cause = campaign.vehicle, campaign.cause
     hull = hull_of(campaign)
     # In these families the base model of docs/planar.md is exact but for the disturbance and the cause.

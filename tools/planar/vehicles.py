@@ -267,7 +267,7 @@ def twin_usv(rng: np.random.Generator) -> Vehicle:
         Actuator(name=name, kind=FIXED, x=-0.48 * length, y=py, forward=0.5 * push, backward=0.5 * weak * push)
         for name, py in (("port", -y), ("starboard", y))
     )
-    # Full turn: one hull ahead, one astern.
+    # Full turn with one hull ahead and the other astern.
     torque = y * 0.5 * push * (1.0 + weak)
     turn = _rate(hull, torque)
     return _finished(

@@ -19,7 +19,7 @@ def demand(rng: np.random.Generator, kind: str, time: Floats, scale: float, one_
     scale
         Time in s in which the vehicle, its drives and the water answer.
     one_way
-        All levels have one sign.
+        Whether all levels have the same sign.
     """
     largest = float(rng.uniform(0.75, 1.0))
     end = float(time[-1])
