@@ -28,7 +28,7 @@ from rovid.export.run_export import (
     verified_export,
     verified_planar_export,
 )
-from rovid.preflight.check import check_logs, check_trials, reversed_thrusters
+from rovid.preflight.check import check_logs, check_trials, require_right_signs, reversed_thrusters
 from rovid.preflight.planar_check import check_planar, check_planar_trials
 from rovid.readers.campaign import campaign_of
 from rovid.readers.parquet_reader import Table, thrust_curve, trials_of
@@ -161,6 +161,7 @@ class VehicleStudy:
                     "is given together with axes.", where="gyro", mend="Leave it out: all sensors are fitted."
                 )
             return records.fit_record(self.coupled.fit(self._effects(effects)), self.coupled)
+        require_right_signs(self.logs)
         return records.fit_record(self.logs.likelihood(self._effects(effects), gyro=gyro), self.logs)
 
     def simulate(self, model: to.ModelRecord | None = None) -> to.SimulationRecord:

@@ -207,7 +207,10 @@ def open_session(
     if force:
         study = replace(study, overrides=FaultOverrides(kept=dict.fromkeys(FAULT_IDS, ("*",))))
     elif require_sound:
+        from rovid.preflight.check import require_right_signs
+
         study.require_sound()
+        require_right_signs(study)
     stored, notes = without_stale_values(stored, study)
     return FitSession(stored=stored, study=study, outputs=outputs, notes=notes)
 

@@ -7,6 +7,9 @@ The delay of the motion after the commands has either sign. The torque, shifted 
 and trim. The shift with the smallest residual is the delay. Its standard error is a jackknife over blocks, because the
 residuals are autocorrelated. In a sine run a torque of the heading, as of wind, looks like a negative delay: motion
 comes before its commands only if it does so with such a torque in the regression, too.
+
+The delay of a heading after a logged rate follows from the same regression, of the heading's derivative on that rate. A
+navigation filter delays its heading; a fit would take that for a delay of the commands or a lag of the thrusters.
 """
 
 from __future__ import annotations
@@ -23,7 +26,8 @@ from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, FaultKind, RunsData, named
 from rovid.faults.quick_model import log_name
 from rovid.trial.fault import Fault
-from rovid.trial.preprocessing import Run
+from rovid.trial.preprocessing import Run, prepare_trials
+from rovid.trial.trial import Trial
 
 # Step and range of the shifts in periods of the cut-off, range as a share of the longest run, at least and at most;
 # maximum number of samples in the regressions. The longer range counts: clocks are set apart whatever the vehicle.
@@ -72,17 +76,21 @@ def response_delay(
     within: tuple[float, float] = (0.0, 1.0),
     *,
     of_heading: bool = False,
+    of_sensor: bool = False,
 ) -> ResponseDelay | None:
     """The delay; None where the logs do not determine one within the range of the shifts.
 
     ``within``: shares of the length of each run, between which the delay is fitted. ``values``: (p,) parameters of the
     regression if they are known; only the last one, the trim, is fitted then. One sine alone determines no delay
-    without them. ``of_heading``: whether a torque of the angle is part of it.
+    without them. ``of_heading``: whether a torque of the angle is part of it. ``of_sensor``: the delay of the logged
+    rate after the position instead.
     """
     period = runs[0].rates.kernel.period
     step, reach = shift_grid(runs)
     stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
-    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period, within, of_heading)]
+    blocks = [
+        block for run in runs for block in _blocks(run, reach, step, stride, period, within, of_heading, of_sensor)
+    ]
     if len(blocks) < _MIN_BLOCKS:
         return None
     xx, xt, tt, variation = (np.array(each) for each in zip(*blocks, strict=True))
@@ -150,9 +158,11 @@ def _blocks(
     period: float,
     within: tuple[float, float] = (0.0, 1.0),
     of_heading: bool = False,
+    of_sensor: bool = False,
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, float]]:
     """(p, p), (p, m) and (m,) moments of regressors and of the torque at each of m shifts; its variation."""
-    torque, rates = run.filtered_torque, run.rates
+    rates = run.rates
+    torque = np.gradient(rates.position, period) if of_sensor else run.filtered_torque
     count = len(torque)
     if count <= 2 * reach:
         return
@@ -162,10 +172,10 @@ def _blocks(
     windows, inside = windows[first:last], inside[first:last]
     known = rates.valid[inside] & np.isfinite(windows).all(axis=1)
     rate, position = rates.rate[inside], rates.position[inside]
-    columns = [rates.acceleration[inside], np.abs(rate) * rate, rate]
-    if run.trial.axis.self_righting:
+    columns = [rate] if of_sensor else [rates.acceleration[inside], np.abs(rate) * rate, rate]
+    if run.trial.axis.self_righting and not of_sensor:
         columns += [np.sin(position), np.cos(position)]
-    elif of_heading and run.trial.axis.angular:
+    elif of_heading and not of_sensor and run.trial.axis.angular:
         columns += [function(k * position) for k in (1.0, 2.0) for function in (np.sin, np.cos)]
     x = np.column_stack((*columns, np.ones(len(inside))))
     length = max(int(_BLOCK / (rates.kernel.cutoff * period * stride)), 10)
@@ -279,6 +289,45 @@ def _late_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
     return replace(_fault(logs, found, text), confidence=_RIVAL)
 
 
+def _detect_sensor(data: RunsData) -> Iterator[Detection[RunsData]]:
+    """A position that is late against a logged rate, or the reverse; the later one is moved."""
+    runs = [run for run in data.runs if run.trial.rate is not None and not run.trial.rate_only]
+    found = response_delay(runs, of_sensor=True) if runs else None
+    if found is None or not _is_offset(abs(found.delay), found, runs):
+        return
+    axis = runs[0].trial.axis
+    words = [f"The {axis.position_words}", f"the logged {axis.rate_words}"]
+    late, early = words if found.delay < 0.0 else [words[1].capitalize(), words[0].lower()]
+    text = (
+        f"{late} is {plus_minus(abs(found.delay), found.error)} s late against {early}, as behind a navigation filter."
+    )
+    logs = tuple(dict.fromkeys(map(log_name, runs)))
+    if len(runs) < len(data.runs):
+        yield Detection(fault=_fault(logs, found, text), done="Correct its stamps, or log it before that filter.")
+        return
+    # A filter does more than delay: what it gives is no measure of the motion.
+    done = f"{late} was left out, and {early} fitted. Correct its stamps, or log it before that filter."
+    fault = replace(_fault(logs, found, text), remedy="left_out")
+    yield Detection(fault=fault, done=done, repair=partial(_without_sensor, late_rate=found.delay > 0.0))
+
+
+def _without_sensor(data: RunsData, *, late_rate: bool) -> RunsData:
+    """``data`` without the logged rate, or with its integral in place of the position; without the gyro's offset."""
+    cutoff, trials = data.runs[0].rates.kernel.cutoff, list[Trial]()
+    for run in data.runs:
+        trial, rate = run.trial, run.trial.rate
+        if rate is not None and late_rate and not trial.rate_only:
+            trial = replace(trial, rate=None)
+        elif rate is not None and not trial.rate_only:
+            rate, known = rate - np.nan_to_num(run.rates.gyro_offset), np.isfinite(rate)
+            position = np.full(len(rate), np.nan)
+            steps = 0.5 * (rate[known][1:] + rate[known][:-1]) * np.diff(trial.time[known])
+            position[known] = np.concatenate(([0.0], np.cumsum(steps)))
+            trial = replace(trial, rate=rate, position=position, rate_only=True)
+        trials.append(trial)
+    return replace(data, runs=prepare_trials(trials, data.vehicle, cutoff=cutoff).items)
+
+
 def _fault(logs: Sequence[str], found: ResponseDelay, text: str) -> Fault:
     size, error = found.delay, found.error
     return Fault(fault="clocks_apart", logs=tuple(logs), text=text, size=size, standard_error=error, unit="s")
@@ -312,4 +361,13 @@ FAULT = FaultKind(
     stage="runs",
     detect=_detect,
     false_alarms="none in 60 campaigns: no undamaged log moves two sampling intervals before its commands.",
+)
+FURTHER = (
+    FaultKind(
+        id="clocks_apart",
+        title="A heading that is late against the logged rate",
+        stage="runs",
+        detect=_detect_sensor,
+        false_alarms="none: readings of one row are not two sampling intervals apart.",
+    ),
 )

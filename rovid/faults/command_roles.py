@@ -15,7 +15,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.quick_model import LogRegressors, fit_quick_model, solved
 from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
@@ -65,11 +65,15 @@ def misassigned(runs: Sequence[Run], vehicle: Vehicle) -> Misfit | None:
     if any(each.is_angle for each in vehicle.thrusters):
         return None
     logs = model.regressors
-    fits = _predictions(logs)
+    # A log that moves against its torque is no measure for the others.
+    agree = np.array([not log.is_opposite for log in logs])
+    agree |= not agree.any()
+    fits = _predictions(logs, agree)
     shares = np.array([fit.misfit for fit in fits])
     found = list[tuple[float, Misfit]]()
     for at, fit in enumerate(fits):
-        usual = float(np.median(np.delete(shares, at)))
+        others = np.arange(len(logs)) != at
+        usual = float(np.median(shares[agree & others if (agree & others).any() else others]))
         if shares[at] < max(_MIN_SHARE, _EXPLAINED * usual):
             continue
         hypotheses = [*_hypotheses(fit, vehicle)]
@@ -90,8 +94,8 @@ def misassigned(runs: Sequence[Run], vehicle: Vehicle) -> Misfit | None:
     return max(found, key=lambda pair: pair[0])[1] if found else None
 
 
-def _predictions(logs: Sequence[LogRegressors]) -> list[_Prediction]:
-    """Each log by the model of the others, in which a log far from the rest counts less."""
+def _predictions(logs: Sequence[LogRegressors], agree: BoolArray) -> list[_Prediction]:
+    """Each log by the model of the others that ``agree``, in which a log far from the rest counts less."""
     total = np.concatenate([log.torque for log in logs])
     shares = total @ np.concatenate([log.single for log in logs]) / (total @ total)
     slopes, scores = map(np.array, zip(*(_moments(log, shares) for log in logs), strict=True))
@@ -100,13 +104,14 @@ def _predictions(logs: Sequence[LogRegressors]) -> list[_Prediction]:
     powers = np.maximum(powers, np.median(powers))
     usual = float(np.median([np.mean(log.torque**2) for log in logs]))
     slopes, scores = slopes / powers[:, None, None], scores / powers[:, None]
-    weights = np.ones(len(logs))
+    weights = agree.astype(float)
     for _ in range(_PASSES):
         values = _fitted(weights @ scores, np.tensordot(weights, slopes, 1))
         misfits = np.array([_Prediction(log, shares, values, usual).misfit for log in logs])
-        weights = 1.0 / np.maximum(misfits / np.median(misfits), 1.0)
+        weights = agree / np.maximum(misfits / np.median(misfits[agree]), 1.0)
         weights /= weights.mean()
     others = weights * (1.0 - np.eye(len(logs)))
+    others[~others.any(axis=1)] = weights
     every = zip(logs, others @ scores, np.tensordot(others, slopes, 1), strict=True)
     return [_Prediction(log, shares, _fitted(score, slope), usual) for log, score, slope in every]
 

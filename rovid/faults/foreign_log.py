@@ -72,17 +72,19 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         data = without(data, misfit.log)
     yield from map(_misassigned, misfits)
     model, found = fit_quick_model(data.runs, data.vehicle), list[Detection[RunsData]]()
-    # A majority is one of the logs that say something on the model.
-    count = 0 if model is None else len(model.logs)
+    # A majority is one of the logs that say something on the model. A wrong sign shows without a majority.
+    opposite = set() if model is None else {log.name for log in model.regressors if log.is_opposite}
+    count = 0 if model is None else len(model.logs) - len(opposite)
     # Without the foreign logs the scatter of the others is smaller, which may show further ones.
-    rest = data
+    rest, odd = data, 0
     while model is not None and len(model.logs) >= _MIN_LOGS:
         least = float(np.median([log.features[0] for log in model.logs])) + _EXCITED
         foreign = [log for log in model.logs if log.features[0] > least and _is_foreign(log, len(model.logs))]
         if data.vehicle.planar:
             # Sway and surge change the yaw that a log shows, but not the sign of its inertia.
             foreign = [log for log in foreign if 1.0 + log.deviation[0] + _CERTAIN * log.standard_errors[0] < 0.0]
-        if not foreign or 2 * (len(found) + len(foreign)) >= count:
+        odd += sum(log.name not in opposite for log in foreign)
+        if not foreign or 2 * odd >= count:
             break
         found += [_foreign(log, len(model.logs)) for log in foreign]
         for log in foreign:

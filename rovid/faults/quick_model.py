@@ -12,10 +12,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import compress
 
 import numpy as np
 
-from rovid.core.array_types import ComplexArray, FloatArray
+from rovid.core.array_types import BoolArray, ComplexArray, FloatArray
 from rovid.trial.preprocessing import Run
 from rovid.trial.rates import fast_fft_length
 from rovid.trial.vehicle import Thruster, Vehicle
@@ -30,6 +31,8 @@ _SETTLING, _PASSES = 3, 6
 _EXCITED = 0.02
 # Share of the torque's RMS over which the sign of the motion changes.
 _SIGN_WIDTH = 0.05
+# Largest share of the torque's variance that a log's own model leaves, in a log that moves against its torque.
+_OPPOSED = 0.5
 # Bins of the residuals' spectrum (of twice the length) that the fit of a log takes out.
 _FITTED_BINS = 4
 # Share of the residual variance that a torque of the heading removes in a log that was not fitted: the least median of
@@ -116,6 +119,15 @@ class LogRegressors:
         """(n,) s from the beginning of the log's first part."""
         return np.concatenate([run.rates.time[run.valid] + run.trial.campaign_time - self.start for run in self._runs])
 
+    @cached_property
+    def is_opposite(self) -> bool:
+        """Whether the vehicle moves against its torque: own inertia and drag both negative, which is impossible."""
+        values = solved(self.x.T @ self.x, self.x.T @ self.torque)
+        rest = self.torque - self.x @ values
+        drag = values[2] + 1.5 * values[1] * np.sqrt(np.mean(self.x[:, 2] ** 2))
+        explains = float(rest @ rest) < _OPPOSED * float(self.torque @ self.torque)
+        return bool(values[0] < 0.0 and drag < 0.0 and explains)
+
     @property
     def is_cut(self) -> bool:
         """Whether the log is in parts, because of another fault."""
@@ -188,8 +200,12 @@ def _fitted(runs: tuple[Run, ...], vehicle: Vehicle) -> QuickModel | None:
     for count in range(_PASSES):
         if count < _SETTLING:
             logs = [LogRegressors(name, own, vehicle, tau, scale) for name, own in parts.items()]
+            # A log that moves against its torque would cancel another; signs that are wrong in all logs stay.
+            agree = np.array([not log.is_opposite for log in logs])
+            agree |= not agree.any()
+            weights = base * agree
             if vehicle.axis.angular:
-                _add_torque_of_heading(logs, base)
+                _add_torque_of_heading(logs, weights)
         pairs = [(log.z if count else log.x, log) for log in logs]
         slope = sum(weight * z.T @ log.x for weight, (z, log) in zip(weights, pairs, strict=True))
         score = sum(weight * z.T @ log.forcing for weight, (z, log) in zip(weights, pairs, strict=True))
@@ -205,9 +221,10 @@ def _fitted(runs: tuple[Run, ...], vehicle: Vehicle) -> QuickModel | None:
             found = _moments(logs, values)
             if not moments:
                 # From the median of all logs: one foreign log with more thrust than the others is no majority.
-                values = values + _directions(values) @ np.maximum(_centre(found), _LEAST_CENTRE)
+                centre = _centre([*compress(found, agree)])
+                values = values + _directions(values) @ np.maximum(centre, _LEAST_CENTRE)
                 found = _moments(logs, values)
-            moments = _with_distances(found, values)
+            moments = _with_distances(found, values, agree)
             far = np.array([log.distance for log in moments]).clip(_FAR)
             weights = base * np.where(far < _FOREIGN, _FAR / far, 0.0)
             if not weights.any():
@@ -282,16 +299,16 @@ def _moments_of(log: LogRegressors, values: FloatArray, shares: FloatArray) -> L
     )
 
 
-def _with_distances(logs: Sequence[LogMoments], values: FloatArray) -> list[LogMoments]:
-    """The logs with their distances from the median deviation, with the scatter of the other logs."""
-    centre = _centre(logs)
+def _with_distances(logs: Sequence[LogMoments], values: FloatArray, agree: BoolArray) -> list[LogMoments]:
+    """The logs with their distances from the median deviation, with the scatter of the other logs that ``agree``."""
+    centre = _centre([*compress(logs, agree)])
     distances = np.array([_distances(log, _SCATTERS, centre, values) for log in logs])
     found = []
     for at, log in enumerate(logs):
-        others = np.delete(distances, at, axis=0)
+        others = distances[agree & (np.arange(len(logs)) != at)]
         fits = np.flatnonzero(np.median(others, axis=0) <= _MEDIAN) if len(others) else np.array([0])
         own = float(_SCATTERS[fits[0]]) if fits.size else float(_SCATTERS[-1])
-        count = max(len(logs) - 2, 0)
+        count = max(len(others) - 1, 0)
         scatter = np.sqrt((_USUAL_LOGS * _USUAL_SCATTER**2 + count * own**2) / (_USUAL_LOGS + count))
         likely = max(float(scatter), own)
         distance = float(_distances(log, np.array([likely]), centre, values)[0])

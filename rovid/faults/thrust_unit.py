@@ -8,13 +8,16 @@ inertia is possible then, the commands and the curve are of different units.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.faults.base import Detection, FaultKind, RunsData
-from rovid.faults.quick_model import fit_quick_model
+from rovid.faults.quick_model import fit_quick_model, solved
 from rovid.faults.unit_mismatch import mismatch_text, unit_of
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
@@ -38,8 +41,12 @@ _IMPOSSIBLE, _DEGREES = 20.0, 57.2958
 # Largest share of the curve that commands of another, smaller unit use: volts of a curve in percent use a half at most.
 _SMALL_PART = 0.5
 _WRONG = " A unit is wrong: "
+_SIGN = " A unit or a sign is wrong: "
 # Standard errors by which a fit must be below its limit.
 _SIGNIFICANT = 4.0
+# Share of the torque that turned arms leave over the share that the logged ones leave: commands that go together fit
+# both alike.
+_AS_WELL = 1.2
 # RMS residual over RMS torque, above which the quick model says nothing.
 _MAX_MISFIT = 0.7
 
@@ -49,9 +56,38 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     model = None if reference is None else fit_quick_model(data.runs, data.vehicle)
     if model is None or min(log.misfit for log in model.logs) > _MAX_MISFIT:
         return
-    others = _other_unit(data.runs, data.vehicle)
+    others = partial(_others, data.runs, data.vehicle)
     if fault := _fault(model.inertia, None, data.vehicle, _QUICK_LIMIT, others):
         yield Detection(fault=_command_unit(model.inertia, data.runs, data.vehicle, fault) or fault)
+
+
+def _others(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:
+    """Causes of an impossible inertia besides a factor, in words."""
+    return (*_turned_arms(runs, vehicle), *_other_unit(runs, vehicle))
+
+
+def _turned_arms(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[str]:
+    """Thrusters with which the inertia is a possible one, and the torque fits as well, if their sign is turned."""
+    model, reference = fit_quick_model(runs, vehicle), vehicle.reference_inertia
+    if model is None or reference is None or len(vehicle.thrusters) < 2:
+        return
+    logs = model.regressors
+    x, z = (np.concatenate([getattr(log, name) for log in logs]) for name in "xz")
+    single = np.concatenate([log.single - log.single.mean(axis=0) for log in logs])
+
+    def fitted(signs: FloatArray) -> tuple[FloatArray, float]:
+        torque = single @ signs
+        values = solved(z.T @ x, z.T @ torque)
+        return values, float(np.sum((torque - x @ values) ** 2) / np.sum(torque**2).clip(1e-300))
+
+    _, usual = fitted(np.ones(len(vehicle.thrusters)))
+    for at, thruster in enumerate(vehicle.thrusters):
+        (inertia, *_), share = fitted(np.where(np.arange(len(vehicle.thrusters)) == at, -1.0, 1.0))
+        if share < _AS_WELL * usual and _FIT_LIMIT < inertia / reference < _LARGEST_RATIO:
+            yield (
+                f"the sign of {vehicle.axis.arm_key} or command of {thruster.name} (with it turned around the inertia "
+                f"is {inertia / reference:.2g} times the rigid body's)"
+            )
 
 
 def _other_unit(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:
@@ -88,7 +124,7 @@ def _command_unit(inertia: float, runs: Sequence[Run], vehicle: Vehicle, fault: 
     if not _FIT_LIMIT < factor * inertia / reference < _LARGEST_RATIO:
         return None
     text, names = next(iter(texts.items()))
-    inertia_text = fault.text.partition(_WRONG)[0]
+    inertia_text = re.split(f"{_WRONG}|{_SIGN}", fault.text)[0]
     return replace(fault, fault="unit_mismatch", text=f"Commands of {' and '.join(names)} {text} {inertia_text}")
 
 
@@ -97,24 +133,26 @@ def inertia_fault(inertia: float, error: float, vehicle: Vehicle, runs: Sequence
 
     Commands of ``runs`` may be another explanation.
     """
-    return _fault(inertia, error, vehicle, _FIT_LIMIT, _other_unit(runs, vehicle) if runs else ())
+    return _fault(inertia, error, vehicle, _FIT_LIMIT, partial(_others, runs, vehicle) if runs else tuple)
 
 
-def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float, others: Sequence[str]) -> Fault | None:
-    """The fault of an inertia beyond the limits; ``others`` are causes besides those by the factor, in words."""
+def _fault(
+    inertia: float, error: float | None, vehicle: Vehicle, limit: float, causes: Callable[[], Sequence[str]]
+) -> Fault | None:
+    """The fault of an inertia beyond the limits; ``causes`` gives those besides a factor, in words."""
     reference = vehicle.reference_inertia
     if reference is not None and inertia - _SIGNIFICANT * (error or 0.0) > _IMPOSSIBLE * reference:
-        return _too_large(inertia, vehicle, reference, others)
+        return _too_large(inertia, vehicle, reference, causes())
     if reference is None or not 0.0 < inertia + _SIGNIFICANT * (error or 0.0) < limit * reference:
         return None
-    ratio = inertia / reference
+    ratio, others = inertia / reference, causes()
     fitting = [factor for factor in _UNITS if _LEAST_RATIO < ratio * factor < _LARGEST_RATIO]
     axis = vehicle.axis
     unit = "kg m^2" if axis.angular else "kg"
     text = (
         f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
-        f"{unit}, which is impossible: water only adds to it.{_WRONG}"
-        f"{'; or '.join((*(_UNITS[factor] for factor in fitting), *others)) or 'check the thrust'}. "
+        f"{unit}, which is impossible: water only adds to it.{_SIGN if others else _WRONG}"
+        f"{'; or '.join((*others, *(_UNITS[factor] for factor in fitting))) or 'check the thrust'}. "
         f"Check the curve's newtons, {axis.arm_key}, mass and size."
     )
     return Fault(

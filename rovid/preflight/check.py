@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rovid.core.errors import RovidError
+from rovid.core.errors import LogError, RovidError
 from rovid.estimate.inner_loop import find_inner_loop
 from rovid.faults.base import resolve
 from rovid.faults.catalogue import examine_runs
@@ -112,9 +112,12 @@ def check_trials(
     feedback = detect_feedback(trials, vehicle)
     clocks = _confirmed_offsets(estimate_clock_offsets(trials, config), trials, vehicle)
     thrusters = check_thrusters(trials, vehicle)
+    advice = advise(trials, vehicle, feedback, clocks, thrusters, config.faults, all_read=not problems)
+    # The quick model and a fit find the same inertia.
+    doubled = {"scale"} if any(fault.fault == "thrust_unit" for fault in more) else set()
     return replace(
         checked,
-        advice=tuple(advise(trials, vehicle, feedback, clocks, thrusters, config.faults, all_read=not problems)),
+        advice=tuple(each for each in advice if each.kind not in doubled),
         feedback=tuple(feedback),
         clocks=clocks,
         thrusters=tuple(thrusters),
@@ -175,6 +178,12 @@ def _facts(trial: Trial, config: Config, vehicle: Vehicle, cutoff: float) -> dic
         "sine_runs": len(find_sines(trial, torque)),
         "remarks": list(map(remark_document, trial.remarks)),
     }
+
+
+def require_right_signs(study: Study) -> None:
+    """Refuse logs in which a thruster turns the vehicle the other way. Raises LogError if there is one."""
+    if found := reversed_thrusters(study):
+        raise LogError(found)
 
 
 def reversed_thrusters(study: Study) -> str:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from rovid.faults.base import RunsData, examine
-from rovid.faults.clocks_apart import FAULT, response_delay
+from rovid.faults.clocks_apart import FAULT, FURTHER, response_delay
 from rovid.trial.fault import Fault, FaultOverrides
-from rovid.trial.preprocessing import Run
+from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
 from tests.faults.days import VEHICLES, day
 from tests.synthetic import LOGGED
@@ -88,6 +88,34 @@ def test_a_delay_of_joined_files_is_a_rival() -> None:
     assert fault.confidence < 0.95
     assert fault.size is not None
     assert fault.size > 0.0
+
+
+@pytest.mark.parametrize(("late", "left"), [("heading", "yaw rate"), ("logged yaw rate", "heading"), ("", "")])
+def test_a_sensor_that_is_late_against_the_other_is_left_out(late: str, left: str) -> None:
+    days, rng, delay = day("small", 0), np.random.default_rng(1), 0.0
+    trials = []
+    for run in days:
+        time, delay = run.trial.time, 6.0 * run.trial.sampling_interval
+        rate = np.interp(time, run.rates.time, run.rates.rate) + rng.normal(0.0, run.rates.rate_noise, len(time))
+        position = run.trial.position
+        if late == "heading":
+            position = np.interp(time - delay, time, position)
+        elif late:
+            rate = np.interp(time - delay, time, rate)
+        trials.append(replace(run.trial, position=position, rate=rate))
+    runs = prepare_trials(trials, LOGGED, cutoff=days[0].rates.kernel.cutoff).items
+    data, found = examine(FURTHER, RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    if not late:
+        assert not found
+        return
+    (fault,) = found
+    assert fault.text.startswith(f"The {late} is ")
+    assert fault.remedy == "left_out"
+    assert fault.size is not None
+    # A tenth: the filter of the rates smooths a logged rate twice.
+    assert abs(abs(fault.size) - delay) < 0.1 * delay
+    kept = [run.trial for run in data.runs]
+    assert all(trial.rate_only if left == "yaw rate" else trial.rate is None for trial in kept)
 
 
 @pytest.mark.parametrize("seconds", [1.5, 2.0, 6.0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +24,7 @@ TWO = Vehicle(name="two", thrusters=tuple(Thruster(name=name, arm=arm, curve=VOL
 DAMAGES: dict[str, tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]] = {
     "the commands of a and b are exchanged": (lambda u: u[:, ::-1], lambda u: u),
     "the commands of a have the opposite sign": (lambda u: u * [-1.0, 1.0], lambda u: u),
+    "the heading or all commands have the opposite sign": (lambda u: -u, lambda u: u),
     "the command of a is constant, in this log alone": (lambda u: u * [0.0, 1.0], lambda u: u),
     "the commands of a and b are equal, in this log alone": (lambda u: u[:, [0, 0]], lambda u: u),
     "a does not push.": (lambda u: u, lambda u: u * [0.0, 1.0]),
@@ -35,12 +36,12 @@ DAMAGES: dict[str, tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArra
 }
 
 
-def two_thrusters(damage: str, seed: int) -> list[Run]:
-    """Six logs of 80 s at 5 Hz with steps of both thrusters; log number 2 is damaged."""
+def two_thrusters(damage: str, seed: int, damaged: Collection[int] = (2,)) -> list[Run]:
+    """Six logs of 80 s at 5 Hz with steps of both thrusters; those with the ``damaged`` numbers are damaged."""
     rng, time, runs = np.random.default_rng(seed), clock(80.0, 5.0), []
     for number in range(6):
         ordered = rng.uniform(-1.0, 1.0, (40, 2))[(time // 4.0).astype(int)]
-        logged, acts = (each(ordered) for each in DAMAGES[damage if number == 2 else ""])
+        logged, acts = (each(ordered) for each in DAMAGES[damage if number in damaged else ""])
         torque, pushed = (100.0 * commands @ np.array([*ARMS.values()]) for commands in (logged, acts))
         disturbance = gauss_markov(len(time), 0.2, 2.0, 4.0, rng)
         noise = rng.normal(0.0, 1e-3, len(time))
@@ -56,6 +57,16 @@ def test_a_log_with_other_commands_than_its_thrusters_is_named(damage: str) -> N
         data, faults = examine([FAULT], RunsData(runs=two_thrusters(damage, seed), vehicle=TWO), FaultOverrides())
         assert [fault.logs for fault in faults] == ([("run_2.csv",)] if damage else [])
         assert len(data.runs) == 6 - bool(damage)
+        assert all(damage in fault.text for fault in faults)
+
+
+def test_signs_that_are_wrong_in_half_of_the_logs_or_in_one_of_three_are_named() -> None:
+    damage = "the heading or all commands have the opposite sign"
+    for damaged, count in ({0, 3, 5}, 6), ({1}, 3):
+        runs = two_thrusters(damage, 1, damaged)[:count]
+        data, faults = examine([FAULT], RunsData(runs=runs, vehicle=TWO), FaultOverrides())
+        assert {fault.logs[0] for fault in faults} == {f"run_{number}.csv" for number in damaged}
+        assert len(data.runs) == count - len(damaged)
         assert all(damage in fault.text for fault in faults)
 
 

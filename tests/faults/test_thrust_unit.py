@@ -12,7 +12,7 @@ from rovid.faults.thrust_unit import FAULT, inertia_fault
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.faults.days import VEHICLES, day
-from tests.synthetic import LOGGED
+from tests.synthetic import LOGGED, VOLTS
 
 
 def faults(vehicle: str, factor: float, ratio: float, seed: int) -> tuple[Fault, ...]:
@@ -88,3 +88,22 @@ def test_commands_that_use_a_tenth_of_the_curve_are_of_another_unit(vehicle: str
     (found,) = examine([FAULT], RunsData(runs=runs, vehicle=known), FaultOverrides())[1]
     assert (found.fault, found.stops) == (fault, True)
     assert ("The commands look like volts, the curve like percent." in found.text) == (fault == "unit_mismatch")
+
+
+def test_a_thruster_with_the_wrong_sign_is_another_explanation() -> None:
+    """Two thrusters that push one way each, by mirrored commands; the sign of the second one's arm is wrong."""
+    arms = {"fore": 0.4, "aft": 0.35}
+    vehicle = Vehicle(
+        name="",
+        thrusters=tuple(Thruster(name=name, arm=arm, curve=VOLTS) for name, arm in arms.items()),
+        rigid_body_inertia=VEHICLES["small"][0].inertia / 1.5,
+    )
+    runs = []
+    for one in day("small", 0):
+        command = one.torque / 0.75 / 100.0
+        trial = replace(one.trial, commands=np.column_stack((command, -command)))
+        torque = vehicle.torque(trial)
+        runs.append(replace(one, trial=trial, torque=torque, filtered_torque=one.rates.filter_held(trial, torque)))
+    _, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=vehicle), FaultOverrides())
+    assert fault.stops
+    assert "the sign of yaw_arm or command of aft (with it turned around the inertia is 1." in fault.text
