@@ -11,8 +11,8 @@ from rovid.cli.options import Json, argument
 
 def help(  # noqa: A001 - the command's own name
     context: typer.Context,
-    topic: Annotated[
-        str | None,
+    words: Annotated[
+        list[str] | None,
         argument("TOPIC", "A page, an effect or a command. Default: list all.", autocompletion=completion.topics),
     ] = None,
     *,
@@ -22,6 +22,7 @@ def help(  # noqa: A001 - the command's own name
     from rovid.present.terminal.topic_page import show_topic, show_topics
     from rovid.present.terminal.topics import topic_names, topic_text, topic_title
 
+    topic = " ".join(words) if words else None
     manual = _manual(context, topic)
     pages = topic_names()
     has_page = manual is None or topic in pages

@@ -105,7 +105,7 @@ def plan(
         _plan_matrix(logs, parameters_at(parameters, axis), causes, effect or (), share, json=json)
         return
     if len({cause.id for cause in causes}) not in {0, 2} or len(causes) > 2:
-        raise ConfigError(f"names {len(causes)} causes; two different ones were expected.", where="--between")
+        raise ConfigError("expects two different causes.", where="--between", mend="Give it once for each of them.")
     stored = parameters_at(parameters, axis)
     paths = logs or stored_logs(stored)
     commands, picture = OutputFile(output, PLAN), OutputFile(output.with_suffix(".png"), png_signature("plan"))

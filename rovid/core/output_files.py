@@ -99,9 +99,11 @@ RECORDING = _signature(
     "a recording of rovid simulate",
     rb"\A\x89MCAP0\r\n\x01.{8}\0{4}" + re.escape(len(RECORDING_LIBRARY).to_bytes(4, "little")) + b"rovid simulate",
 )
-LOG = _signature("this very log", rb"\A(time_s,|\x89MCAP0\r\n\x01.{8}\0{4}\x05\0{3}rovid|PAR1)", replaceable=False)
-CONFIG = _signature("this very rovid.toml", rb"\A# Written by `rovid init`", replaceable=False)
-GUESSED_CURVE = _signature("this very guessed curve", CURVE.pattern.pattern, replaceable=False)
+LOG = _signature(
+    "the log that this command writes", rb"\A(time_s,|\x89MCAP0\r\n\x01.{8}\0{4}\x05\0{3}rovid|PAR1)", replaceable=False
+)
+CONFIG = _signature("the rovid.toml that this command writes", rb"\A# Written by `rovid init`", replaceable=False)
+GUESSED_CURVE = _signature("the guessed curve that this command writes", CURVE.pattern.pattern, replaceable=False)
 
 
 # A function is called under the locks of the folders: its content may depend on files that are there.
@@ -215,11 +217,11 @@ class OutputSet:
         if any(path.samefile(target) for path in protected):
             raise OutputError("is an input of this command and is never replaced.", where=output.path, mend=_OTHER_NAME)
         if not os.access(target, os.W_OK):
-            mend = "Make it writable, or write to another place if the command can."
+            mend = "Make it writable, or name another file by -o or -p, where the command has them."
             raise OutputError("is write-protected.", where=output.path, mend=mend)
         if status.st_size and not (matches and signature.replaceable) and not self._force:
             raise OutputError(
-                f"is there already and is not {signature.description}.",
+                f"already exists, and is not {signature.description}.",
                 where=output.path,
                 mend="Choose another name, or give --force to replace it.",
             )
@@ -247,5 +249,7 @@ def _fallback_folders() -> Iterator[Path]:
 
 def _not_written(path: Path, error: OSError) -> OutputError:
     reason = error.strerror or error
-    mend = "Make the folder writable, or write to another place if the command can (-o, -p)."
+    mend = (
+        "Make the folder writable, or write elsewhere: by -o or -p, where the command has them, or from another folder."
+    )
     return OutputError(f"cannot be written ({reason}).", where=path, mend=mend)

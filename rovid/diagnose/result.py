@@ -218,7 +218,7 @@ def _separating(one: Effect, other: Effect, *, untested: bool = False) -> dict[s
     """The run that separates two causes; where the ``other`` was not tested, the run that shows it."""
     pair = [one.id, other.id]
     run = other.experiment if untested else DISCRIMINATING_RUNS.get(frozenset(pair), one.experiment)
-    return {"run": run, "separates": pair}
+    return {"run": run, "separates": pair, "between": [one.key, other.key]}
 
 
 def first_experiment(diagnosis: Conclusion) -> dict[str, Any] | None:

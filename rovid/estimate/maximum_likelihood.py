@@ -81,11 +81,10 @@ def fit_likelihood(
     good as that of the output-error fit. Then the effects are added, from each of their initial values, and the limit
     is loosened as far as the simulation stays as good.
 
-    Raises DataError if the vehicle was not excited enough, or no rate is logged.
+    Effects between command and torque need the ``vehicle``. With ``gyro``, logged rates are used too. They should come
+    from an instrument of their own: the errors of a rate and a heading from the same filter are correlated.
 
-    ``vehicle``: Needed by effects between command and torque.
-    ``gyro``: Whether logged rates are used too. They should come from an instrument of their own: the errors of a rate
-        and a heading from the same filter are correlated.
+    Raises DataError if the vehicle was not excited enough, or no rate is logged.
     """
     axis = runs[0].trial.axis
     if gyro and all(run.trial.rate is None for run in runs):

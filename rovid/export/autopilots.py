@@ -23,7 +23,7 @@ from rovid.export.thruster_curves import constant_trim, number_list, thruster_cu
 
 _GAINS = (
     "The file holds gains. Inertia and drag of the vehicle are not among the autopilot's parameters; they act in the "
-    "gains."
+    "gains. Compare them with the ranges of your ground station before you load them."
 )
 _LOST = ("quadratic_drag", "linear_drag")
 _TEXTS = TextTemplates(__file__, "ardupilot_sitl")

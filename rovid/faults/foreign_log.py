@@ -37,6 +37,9 @@ _OPPOSITE = " That is impossible: its heading or its commands have the opposite 
 # A heading in radians that is read as degrees: the motion seems this much smaller. Largest relative error to say so.
 _RADIAN, _PRECISE = 180.0 / np.pi, 0.1
 _IN_RADIANS = " Its heading seems to be in radians, and that of the others in degrees."
+# The same factor may come from a guessed thrust curve, and the log from the same vehicle.
+_GUESSED = "Or the guessed thrust curve is wrong at its thrust. The log was kept: measure the curve, and check again."
+_HALF = 0.5
 # Largest relative standard error of a log that takes part in groups.
 _MAX_ERROR = 0.05
 # Quantity of a step that another scale of all thrust explains as well.
@@ -86,7 +89,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         odd += sum(log.name not in opposite for log in foreign)
         if not foreign or 2 * odd >= count:
             break
-        found += [_foreign(log, len(model.logs)) for log in foreign]
+        found += [_foreign(log, len(model.logs), data.vehicle) for log in foreign]
         for log in foreign:
             rest = without(rest, log.name)
         model = fit_quick_model(rest.runs, data.vehicle)
@@ -101,7 +104,7 @@ def _is_foreign(log: LogMoments, count: int) -> bool:
     return count * log.chance < _LEVEL and bool(sizes.max() > _MIN_DEVIATION)
 
 
-def _foreign(log: LogMoments, count: int) -> Detection[RunsData]:
+def _foreign(log: LogMoments, count: int, vehicle: Vehicle) -> Detection[RunsData]:
     at = int(np.argmax(np.abs(log.deviation) / log.standard_errors))
     factor, error = 1.0 + float(log.deviation[at]), float(log.standard_errors[at])
     is_radians = at == 0 and error < _PRECISE * factor and abs(factor - _RADIAN) < _CERTAIN * error
@@ -120,6 +123,9 @@ def _foreign(log: LogMoments, count: int) -> Detection[RunsData]:
         confidence=1.0 - min(0.05, count * log.chance),
         remedy="set_aside",
     )
+    if vehicle.assumptions.includes_curve and factor > 0.0 and not is_radians:
+        # At another thrust, an error of the guessed curve changes inertia and drag by a factor.
+        return Detection(fault=replace(fault, remedy="none", confidence=_HALF), done=_GUESSED)
     return Detection(fault=fault, done="It was set aside.", repair=partial(without, log=log.name))
 
 

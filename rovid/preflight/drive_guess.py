@@ -138,7 +138,7 @@ def guess_rudder(
     unit, origin = named_unit(source), "the unit by its name"
     if unit not in ANGLE_UNITS:
         unit, origin = ("deg", "more than a right angle in radians") if largest > _LARGEST_RAD else ("rad", "assumed")
-    angle = SignalGuess(source=source, unit=unit, reason=f"named so; up to {largest:.4g}, {unit}: {origin}")
+    angle = SignalGuess(source=source, unit=unit, reason=f"by its name; up to {largest:.4g}, {unit}: {origin}")
     others = {one: logged for one, logged in columns.items() if one not in {source, speed.source}}
     return _by_motion(logs, heading, angle, speed, name, neutral_values(others, hints)), speed
 
@@ -203,10 +203,14 @@ def _speed_signal(source: str) -> tuple[str, SignalGuess]:
     """Name in rovid.toml of a speed, and the guess."""
     words, unit = name_words(source), ending_unit(source)
     if words & RPM:
-        return "propeller_speed", SignalGuess(source=source, reason="named so; the flow at a rudder behind a propeller")
+        return "propeller_speed", SignalGuess(
+            source=source, reason="by its name; the flow at a rudder behind a propeller"
+        )
     if words & ORDER or (words <= _SYMBOLS and not unit):
-        return "ordered_speed", SignalGuess(source=source, reason="named so: a speed, measured or ordered; m/s assumed")
-    reason = "named so; the unit by its name" if unit else "named so; m/s assumed"
+        return "ordered_speed", SignalGuess(
+            source=source, reason="by its name: a speed, measured or ordered; m/s assumed"
+        )
+    reason = "by its name; the unit by its name" if unit else "by its name; m/s assumed"
     return "surge_velocity", SignalGuess(source=source, unit=unit or "m/s", reason=reason)
 
 

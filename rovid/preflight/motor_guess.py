@@ -46,7 +46,7 @@ def lone_yaw_rate(columns: Columns, chosen: str) -> SignalGuess | None:
         if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
             continue
         unit = ending_unit(source) if ending_unit(source) in ANGULAR_RATE_UNITS else ""
-        reason = "given" if chosen else "named so"
+        reason = "chosen by you" if chosen else "by its name"
         reason = f"{reason}; {values.min():.4g} to {values.max():.4g}; no heading is logged"
         if not unit:
             # rad/s, faster than vehicles turn.
@@ -76,7 +76,7 @@ def guess_shaft(columns: Columns, logs: Sequence[Log], chosen: str, commands: Se
     drive = drives[0]
     response = respond(logs, motion, lambda log: _held(log, drive))
     direction = int(np.sign(response.gain)) if response.r2 >= MIN_R2 else 0
-    origin = "given" if chosen else "named so, and no column is a heading"
+    origin = "chosen by you" if chosen else "by its name, and no column is a heading"
     rate = replace(motion, reason=f"{origin}: the speed of a shaft on a bench; {motion.unit} by its name")
     remarks = list(_other_motors(speeds, columns, orders[:1] or drives[:1]))
     if not orders:
@@ -86,7 +86,7 @@ def guess_shaft(columns: Columns, logs: Sequence[Log], chosen: str, commands: Se
         other = (currents or others)[0]
         option = f'--heading "{speed}" --command "{other}"'
         remarks.insert(0, f"{drive} is an order to a controller: no inertia follows from it. {option} takes {other}.")
-    reason = f"named so: the order to a controller; the speed follows it (R2 {response.r2:.2f})"
+    reason = f"by its name: the order to a controller; the speed follows it (R2 {response.r2:.2f})"
     order = SignalGuess(source=drive, unit=rate_unit(drive) or motion.unit, sign=direction or 1, reason=reason)
     return ShaftGuess(signals={"yaw_rate": rate, "yaw_rate_order": order}, commands=(), remarks=tuple(remarks))
 
@@ -153,7 +153,7 @@ def _motor_command(source: str, logged: Sequence[RawColumn], direction: int, res
         neutral=0.0,
         lowest=low,
         highest=high,
-        reason=f"named so; {low:.4g} to {high:.4g}; {turns}",
+        reason=f"by its name; {low:.4g} to {high:.4g}; {turns}",
         direction_known=bool(direction),
         is_motor=True,
     )

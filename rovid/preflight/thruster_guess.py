@@ -188,7 +188,7 @@ def guess_thrusters(
         names.append(distinct_name(output.name if output else short_name(source), names))
         effect = effects.get(source, CommandEffect())
         direction, arm, reason = _direction(source, label, hints, effect, mixed)
-        origin = output.reason if output else "given" if source in hints.commands else "named so"
+        origin = output.reason if output else "chosen by you" if source in hints.commands else "by its name"
         low, high = float(values.min()), float(values.max())
         commands.append(
             ThrusterCommand(
@@ -198,7 +198,7 @@ def guess_thrusters(
                 neutral=neutral[source],
                 lowest=low,
                 highest=high,
-                reason=f"{origin}; {low:.4g} to {high:.4g}, no thrust at {neutral[source]:g}; {reason}",
+                reason=f"{origin}; {low:.4g} to {high:.4g} in all logs, no thrust at {neutral[source]:g}; {reason}",
                 arm=arm,
                 direction_known=bool(direction or (yaw and (output or mixed or label))),
                 in_percent=bool(name_words(source) & _PERCENT) or "%" in source,

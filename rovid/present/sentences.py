@@ -91,7 +91,8 @@ def evidence_words(finding: Finding) -> str:
     """Evidence for a cause: its word, its size in standard errors, and its gain."""
     word = f"{CANNOT_TELL} which" if finding.indistinguishable else finding.evidence
     errors = f"{finding.standard_errors:.0f}" if finding.standard_errors >= 10.0 else f"{finding.standard_errors:.1f}"
-    return f"{word}: size {errors} standard errors, gain {finding.held_out_gain:.0f} on trials that were not fitted"
+    gain = f"log-likelihood gain {finding.held_out_gain:.0f}"
+    return f"{word}: size {errors} standard errors, {gain} on trials that were not fitted"
 
 
 def evidence_definitions(causes: Sequence[Finding]) -> list[str]:
@@ -225,8 +226,19 @@ def plan_command(file: Path, axis: Axis) -> str:
     return shlex.join(["rovid", "plan", *axes, *option])
 
 
-def next_step(diagnosis: Conclusion, run: Mapping[str, Any], plan: str = "rovid plan") -> NextStep:
-    """The next ``run`` of a diagnosis, or that none is needed; ``plan`` is the command that designs a run."""
+def between_command(run: Mapping[str, Any], plan: str = "rovid plan") -> str:
+    """The command that writes a ``run`` that separates two causes, for each cause in the form of the diagnosis."""
+    return " ".join([plan, *(f"--between {shlex.quote(cause)}" for cause in run["between"])])
+
+
+def next_step(diagnosis: Conclusion, run: Mapping[str, Any], guess: Assumptions, plan: str = "rovid plan") -> NextStep:
+    """The next ``run`` of a diagnosis, or that none is needed; ``plan`` is the command that designs a run.
+
+    Where nothing is left but a ``guess``, measuring it comes next.
+    """
+    if diagnosis.is_settled and guess:
+        reason = "guesses of rovid init decide the values, and an error of a guess may stand for a cause"
+        return NextStep(run=f"measure {guess.listing}", reason=reason)
     if diagnosis.is_settled:
         return NextStep(
             run="nothing more to run for the causes",
@@ -234,7 +246,7 @@ def next_step(diagnosis: Conclusion, run: Mapping[str, Any], plan: str = "rovid 
         )
     command = ""
     if "commands" in run:
-        command = " ".join([plan, *(f"--between {cause}" for cause in run["separates"])])
+        command = between_command(run, plan)
     return NextStep(run=run["run"], reason=run["reason"], command=command)
 
 
@@ -295,11 +307,15 @@ def control_verdict(design: ControllerDesign) -> Iterator[tuple[str, str]]:
         (_largest(run.metrics.settling_time for run in aided), _largest(run.metrics.settling_time for run in plain)),
         (_largest(run.metrics.overshoot_deg for run in aided), _largest(run.metrics.overshoot_deg for run in plain)),
     )
-    sizes = (
-        f"slowest step settled after {_settled(settling[0])} with the aid and {_settled(settling[1])} without it, "
-        f"largest overshoot {overshoot[0]:.1f} and {overshoot[1]:.1f} deg"
-    )
-    changes = {_relevant_change(*settling, 0.0), _relevant_change(*overshoot, _LEAST_OVERSHOOT)}
+    times = [f"{_settled(time)} {aid} the aid" for time, aid in zip(settling, ("with", "without"), strict=True)]
+    angles = [f"{angle:.1f} deg {aid} the aid" for angle, aid in zip(overshoot, ("with", "without"), strict=True)]
+    measures = [
+        (_relevant_change(*settling, 0.0), f"slowest step settled after {' and '.join(times)}"),
+        (_relevant_change(*overshoot, _LEAST_OVERSHOOT), f"largest overshoot {' and '.join(angles)}"),
+    ]
+    changes = {change for change, _ in measures}
+    # A measure that is the same with and without the aid is no reason for a verdict.
+    sizes = ", ".join(text for change, text in measures if change or changes == {0})
     if changes == {1, -1}:
         yield f"The model aid improves one measure of the steps and worsens the other: {sizes}.", "warn"
     elif 1 in changes:

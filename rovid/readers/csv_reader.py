@@ -283,12 +283,17 @@ class _Table:
         if self._time_type() == "str":
             numeric = {at: name for name, at in self.columns.items() if name != "time"}
         decimal = self.decimal
+        filled: set[str] = set()
         for number, cells in self._rows():
             for at, name in numeric.items():
                 cell = cells[at].strip() if at < len(cells) else ""
                 if cell not in _MISSING and not _is_number(cell, decimal):
                     shown = cell[:40] + "…" if len(cell) > 40 else cell
                     expected, mend = "a number", "Delete the row or leave the cell empty."
+                    if name not in filled:
+                        mend = (
+                            "If the column holds text, map another one in rovid.toml. Otherwise leave the cell empty."
+                        )
                     if _is_number(cell, "."):
                         expected = f"a number with the decimal sign {decimal!r} of other cells"
                     elif cell == self.layout.titles[at]:
@@ -303,6 +308,7 @@ class _Table:
                     )
                     error.signal = name
                     return error
+                filled |= {name} if cell else set()
         return LogError(f"cannot be read as a table ({reason.strip()}).", where=self.layout.path)
 
 

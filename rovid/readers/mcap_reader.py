@@ -62,11 +62,11 @@ def _damage_remarks(recording: McapFile, last: float) -> tuple[Remark, ...]:
         return ()
     unread = recording.size - recording.end
     text = (
-        f"The recording is cut or damaged: {recording.damage}. {unread} of {recording.size} bytes were not "
-        f"read; the last time read is {last:.1f} s after the first."
+        f"The recording is cut or damaged: {recording.damage}. The first {last:.1f} s were read; the last {unread} of "
+        f"{recording.size} bytes are damaged."
     )
     if recording.rescued:
-        text += f" {recording.rescued} messages were rescued from its last chunk."
+        text += f" {recording.rescued} messages were read from the damaged part."
     return (Remark(kind="truncated", count=unread, text=text),)
 
 

@@ -172,7 +172,7 @@ def test_a_foreign_rovid_toml_is_never_replaced(tmp_path: Path, whose: str) -> N
         assert run_rovid("init", folder).code == 0
     before = path.read_text()
     assert one.look(["day"])["chosen"] is None
-    with pytest.raises(RovidError, match="is there already"):
+    with pytest.raises(RovidError, match="already exists"):
         one.save(chosen(name="another"))
     assert path.read_text() == before
     # The check uses that file.

@@ -18,7 +18,7 @@ def test_a_new_effect_replaces_no_file_and_no_effect(rovid: Rovid) -> None:
     ]
     assert 'id="spring_line"' in Path("spring_line.py").read_text()
     for name, words in (
-        ("spring_line", "is there already"),
+        ("spring_line", "already exists"),
         ("thruster_lag", "is an effect already"),
         ("A b", "no name"),
     ):

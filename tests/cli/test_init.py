@@ -139,7 +139,7 @@ def test_a_changed_curve_is_not_overwritten(tmp_path: Path, rovid: Rovid) -> Non
     curve.write_text("command,thrust_N\n1100,-40\n1500,0\n1900,51\n")
     done = rovid("init", "dive")
     assert done.code == 2
-    assert "thrust_guess.csv: is there already" in done.err
+    assert "thrust_guess.csv: already exists" in done.err
     assert "51" in curve.read_text()
     assert not (tmp_path / "dive" / "rovid.toml").exists()
 

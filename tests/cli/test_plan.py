@@ -102,8 +102,8 @@ def test_a_stale_file_contributes_only_the_names_of_its_effects(few: Path, tmp_p
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--between", "thruster_lag"), "names 1 causes; two different ones were expected"),
-        (("--between", "thruster_lag", "--between", "thruster_lag"), "two different ones"),
+        (("--between", "thruster_lag"), "expects two different causes. Give it once for each"),
+        (("--between", "thruster_lag", "--between", "thruster_lag"), "two different causes"),
         (("--between", "thruster_lag", "--between", "comand_delay"), "'command_delay'"),
         (("--narrow", "inertai"), "'inertia'"),
         (("--matrix", "--between", "thruster_lag"), "names one cause; two or more were expected"),

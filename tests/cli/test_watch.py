@@ -229,7 +229,7 @@ def test_output_fits_any_width(width: int, store: Path, rovid: Rovid, monkeypatc
     [
         (("store", "--until", "inertai 2 %"), "'inertia'"),
         (("store", "--until", "thruster_lag 90 %", "--no-diagnosis"), "needs a diagnosis"),
-        (("store", "-o", "notes.csv"), "is there already and is not a command file"),
+        (("store", "-o", "notes.csv"), "already exists, and is not a command file"),
         (("store", "-o", "store/sine.csv"), "is an input of this command"),
         (("notes.csv",), "a folder was expected"),
         (("empty", "--once"), "holds no log"),

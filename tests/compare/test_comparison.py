@@ -67,7 +67,7 @@ def test_only_its_own_page_is_replaced(compared: tuple[Done, Path], before: Path
     foreign = page.with_name("mine.html")
     foreign.write_text("mine")
     done = run_rovid("compare", before, lagging, "-o", foreign)
-    assert_one_message(done, "mine.html", "is there already", "--force")
+    assert_one_message(done, "mine.html", "already exists", "--force")
     assert foreign.read_text() == "mine"
     log = next(before.glob("*.csv"))
     assert_one_message(

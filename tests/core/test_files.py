@@ -61,7 +61,7 @@ def saved_in(text: str) -> Path:
 def test_a_foreign_file_is_refused_before_the_work(form: FileSignature, tmp_path: Path) -> None:
     path = tmp_path / "mine"
     path.write_text("time,heading\n0,1\n")
-    with pytest.raises(OutputError, match=r"is there already .* --force"):
+    with pytest.raises(OutputError, match=r"already exists, .* --force"):
         OutputSet([OutputFile(path, form)])
     OutputSet([OutputFile(path, form)], force=True).write({OutputFile(path, form): "new"})
     assert path.read_text() == "new"
@@ -113,7 +113,7 @@ def test_the_same_log_again_is_fine_and_another_is_not(tmp_path: Path) -> None:
     before = output.path.stat()
     OutputSet([output], protected=[output.path]).write({output: "time_s,a\n0,1\n"})
     assert output.path.stat() == before
-    assert "is there already" in message(OutputSet([output]), output, "time_s,a\n0,2\n")
+    assert "already exists" in message(OutputSet([output]), output, "time_s,a\n0,2\n")
     assert hidden_files(tmp_path) == []
     assert list(Path.cwd().iterdir()) == []
 

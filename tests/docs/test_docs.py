@@ -21,8 +21,10 @@ from __future__ import annotations
 
 import contextlib
 import doctest
+import inspect
 import io
 import os
+import pkgutil
 import re
 import shlex
 import shutil
@@ -37,6 +39,8 @@ from urllib.parse import quote, unquote, urlsplit
 
 import numpy as np
 import pytest
+from docutils.core import publish_doctree
+from docutils.nodes import system_message
 from PIL import Image
 from typer.main import get_command
 
@@ -361,6 +365,16 @@ class Links(HTMLParser):
             self.links += [given["href"]] if "href" in given else []
         else:
             self.loaded += [given[key] for key in ("src", "href", "data", "srcset") if key in given]
+
+
+def test_docstrings_of_the_python_interface_are_well_formed() -> None:
+    """Short for the whole site, which the next test builds."""
+    for name in re.findall(r"auto(?:function|class):: (\S+)", (DOCS / "api.md").read_text(encoding="utf-8")):
+        documented = pkgutil.resolve_name(name)
+        members = vars(documented) if inspect.isclass(documented) else {}
+        for each in (documented, *(member for key, member in members.items() if not key.startswith("_"))):
+            tree = publish_doctree(inspect.getdoc(each) or "", settings_overrides={"report_level": 5})
+            assert [found.astext() for found in tree.findall(system_message) if found["level"] > 2] == [], name
 
 
 @pytest.mark.slow

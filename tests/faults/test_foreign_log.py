@@ -80,6 +80,16 @@ def model(vehicle: str) -> Model:
     return VEHICLES[vehicle][0]
 
 
+def test_where_a_thrust_curve_is_guessed_a_log_that_deviates_is_named_and_kept() -> None:
+    guessed = replace(LOGGED, thrusters=tuple(replace(one, curve_guessed=True) for one in LOGGED.thrusters))
+    runs = day("small", 1, {"steps.csv": scaled(model("small"), 1.6, 1.0)})
+    for vehicle, kept in ((LOGGED, len(runs) - 1), (guessed, len(runs))):
+        data, faults = examine([FAULT], RunsData(runs=runs, vehicle=vehicle), FaultOverrides())
+        assert [fault.logs for fault in faults] == [("steps.csv",)]
+        assert len(data.runs) == kept
+    assert "guessed thrust curve" in faults[0].text
+
+
 def test_a_foreign_log_with_most_of_the_thrust_is_no_majority() -> None:
     """Five logs: the foreign one has four times the thrust of the others, and one has hardly any."""
     others = {"steps.csv": scaled(model("small"), 0.4, 0.5)}

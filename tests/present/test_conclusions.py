@@ -16,16 +16,19 @@ from rovid.diagnose.result import next_experiment
 from rovid.present.page.summary import summarize
 from rovid.present.report_data import ReportData
 from rovid.present.sentences import cautions, control_verdict, fit_verdict, next_step, verdict_sentence
+from rovid.trial.assumptions import Assumptions
 
 
 def test_where_every_cause_is_confirmed_nothing_more_is_to_run(lagged: ReportData) -> None:
     diagnosis = lagged.diagnosis
     assert diagnosis is not None
-    assert next_step(diagnosis, next_experiment(diagnosis)).run == "nothing more to run for the causes"
+    assert next_step(diagnosis, next_experiment(diagnosis), Assumptions()).run == "nothing more to run for the causes"
+    guess = Assumptions(items=("curve of aft",), thrusters=1)
+    assert next_step(diagnosis, next_experiment(diagnosis), guess).run == "measure curve of aft"
     (finding,) = diagnosis.findings
     suspect = replace(finding, probability=0.5)
     doubtful = replace(diagnosis, verdict="suspected", findings=(), suspects=(suspect,))
-    open_question = next_step(doubtful, next_experiment(doubtful))
+    open_question = next_step(doubtful, next_experiment(doubtful), Assumptions())
     assert open_question.run == finding.effect.experiment
     assert not open_question.command
 
@@ -38,7 +41,7 @@ def test_a_search_that_the_budget_ended_claims_nothing_about_what_it_did_not_try
     used_up = BudgetUse(seconds=5.0, used=4.0, not_tried=("thruster_lag",))
     diagnosis = replace(lagged.diagnosis, verdict=verdict, findings=(), suspects=(), budget=used_up)
     assert verdict_sentence(diagnosis, lagged.vehicle.assumptions).startswith("Cannot tell yet.")
-    assert "larger --budget" in next_step(diagnosis, next_experiment(diagnosis)).run
+    assert "larger --budget" in next_step(diagnosis, next_experiment(diagnosis), Assumptions()).run
     screen = summarize(replace(lagged, diagnosis=diagnosis))
     assert "Cannot tell yet" in screen.headline
     assert "before every cause was tried" in screen.no_cause

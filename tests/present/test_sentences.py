@@ -64,12 +64,15 @@ WEAK = replace(LAG, held_out_gain=14.0, standard_errors=3.62)
 @pytest.mark.parametrize(
     ("finding", "words"),
     [
-        (LAG, "confirmed: size 60 standard errors, gain 4500 on trials that were not fitted"),
-        (WEAK, "likely: size 3.6 standard errors, gain 14 on trials that were not fitted"),
-        (replace(LAG, probability=0.3), "possible: size 60 standard errors, gain 4500 on trials that were not fitted"),
+        (LAG, "confirmed: size 60 standard errors, log-likelihood gain 4500 on trials that were not fitted"),
+        (WEAK, "likely: size 3.6 standard errors, log-likelihood gain 14 on trials that were not fitted"),
+        (
+            replace(LAG, probability=0.3),
+            "possible: size 60 standard errors, log-likelihood gain 4500 on trials that were not fitted",
+        ),
         (
             replace(LAG, indistinguishable=(DELAY,)),
-            "cannot tell which: size 60 standard errors, gain 4500 on trials that were not fitted",
+            "cannot tell which: size 60 standard errors, log-likelihood gain 4500 on trials that were not fitted",
         ),
     ],
 )

@@ -218,7 +218,7 @@ def test_joint_fits_write_the_history(rovid: Rovid, tmp_path: Path) -> None:
     assert len(lines) == 3  # a head, and two models
     assert [source["name"] for source in json.loads(lines[-1])["sources"]] == ["holds.csv", "sine.csv"]
     (tmp_path / "parameters.history").write_text("mine")
-    assert_one_message(rovid("fit"), "parameters.history", "is there already")
+    assert_one_message(rovid("fit"), "parameters.history", "already exists")
 
 
 # Results that cannot be written are saved in the working folder, which `here` replaces.

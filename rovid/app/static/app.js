@@ -235,7 +235,7 @@ const plots = new Plots(byId("rows"), {
   needed: () => [...columns.values()].filter(({ role }) => role === "heading" || role === "command").sort((a) => (a.role === "heading" ? -1 : 1)).map(({ source }) => source),
   heading: () => [...columns.values()].find(({ role, kind }) => role === "heading" && kind === current()?.kind),
 });
-let shownColumns = [];
+let shownColumns = [], shownCount = 0;
 // Order of the plots: what a fit needs first.
 const FIRST = ["heading", "command", "yaw_rate"];
 
@@ -246,13 +246,19 @@ const openLog = async () => {
   listColumns();
 };
 
+function sayColumns() {
+  const used = shownColumns.filter(({ source }) => columns.get(key(current().kind, source))?.role).length;
+  byId("columns-said").textContent = `${shownCount} of ${shownColumns.length} columns of this log are shown; in use: ${used}.`;
+}
+
 function listColumns() {
   const { kind } = current(), all = byId("which").value === "all";
   const roleOf = ({ source }) => columns.get(key(kind, source))?.role ?? "";
   const rank = (column) => (FIRST.indexOf(roleOf(column)) + FIRST.length + 1) % (FIRST.length + 1);
   const used = shownColumns.filter((column) => roleOf(column)).sort((a, b) => rank(a) - rank(b));
   const list = all || !used.length ? [...used, ...shownColumns.filter((column) => !roleOf(column))] : used;
-  byId("columns-said").textContent = `${list.length} of ${shownColumns.length} columns of this log are shown; ${used.length} are in use.`;
+  shownCount = list.length;
+  sayColumns();
   byId("rows").replaceChildren(...list.map((column) => columnRow(kind, column)));
   plots.place(document.querySelectorAll("#rows .chart"));
 }
@@ -269,6 +275,7 @@ function columnRow(kind, { source, samples, lowest, highest }) {
   role.disabled = theirs();
   role.addEventListener("change", () => {
     for (const each of turn(kind, source, role.value)) renewRow(kind, each);
+    sayColumns();
     [...document.querySelectorAll("#rows select")].find((each) => each.getAttribute("aria-label") === `What ${source} is`)?.focus();
   });
   const units = look.units[own.role] ?? [];
@@ -415,7 +422,8 @@ function typedInto(name, what, input) {
   input.setAttribute("aria-invalid", String(!fine));
   if (!fine) return undefined;
   if (what !== "arm") return moveThruster(name, { ...thrusters.get(name), [what]: value });
-  thrusters.set(name, { ...standing(name, value), arm: value, hand: true });
+  const before = [...thrusters].filter(([other, { hand }]) => hand && other !== name).map(([, one]) => one);
+  thrusters.set(name, { ...standing(name, value, before), arm: value, hand: true });
   showThrusters();
   return changed();
 }
@@ -662,6 +670,7 @@ function questions() {
   for (const name of unknown.slice(0, 4).filter((each) => !open.has(`t-arm-${each}`))) {
     asked.push({ text: `The yaw arm of ${name} is not known; 1 m is a placeholder. Enter it in m:`, step: "thrusters", at: `t-arm-${name}`, field: () => armField(name) });
   }
+  if (draft.survey.curve.guessed && thrusters.size) asked.push({ text: curveWords(), step: "thrusters", at: "curve" });
   return asked;
 }
 
@@ -775,6 +784,13 @@ function headlines(reading = "") {
 }
 document.getElementById("steps").addEventListener("click", () => headlines(draft || !look ? "" : "Reading the logs …"));
 
+function curveWords() {
+  const { file, guessed } = draft.survey.curve;
+  const what = draft.survey.vehicle?.guessed && file !== "thrust_guess.csv" ? "the curve of the vehicle type, which is a guess" : "a guess: thrust proportional to the command";
+  const mend = "To replace it, put a CSV with the columns command,thrust_N next to the logs.";
+  return file ? `Thrust curve: ${file}${guessed ? `, ${what}. ${mend}` : "."}` : "";
+}
+
 function show() {
   byId("name").value = title;
   byId("name").placeholder = draft.text.match(/^name = "(.*)"$/m)?.[1] ?? "";
@@ -788,10 +804,7 @@ function show() {
     const { source } = row.querySelector(".chart").dataset, text = why(current().kind, source);
     if (text) row.querySelector(".why").textContent = text;
   }
-  const { file, guessed } = draft.survey.curve;
-  const what = draft.survey.vehicle?.guessed && file !== "thrust_guess.csv" ? "the curve of the vehicle type, which is a guess" : "a guess: thrust proportional to the command";
-  const mend = "To replace it, put a CSV with the columns command,thrust_N next to the logs and look at the folder again.";
-  byId("curve").textContent = file ? `Thrust curve: ${file}${guessed ? `, ${what}. ${mend}` : "."}` : "";
+  byId("curve").textContent = curveWords();
   const type = !vehicle && look.vehicles.find(({ id }) => id === draft.survey.vehicle?.type);
   byId("type").options[0].textContent = type ? `from the logs: ${type.name}` : "not one of these";
   byId("not-read").replaceChildren(...draft.survey.warnings.map((text) => element("li", text)));

@@ -65,12 +65,12 @@ export class Sketch {
 
   thruster(one, unit) {
     const group = svg("g", {
-      class: `thruster ${one.arm > 0 ? "up" : one.arm < 0 ? "down" : ""} ${one.hand ? "" : "unplaced"}`,
+      class: `thruster ${one.arm > 0 ? "up" : one.arm < 0 ? "down" : ""} ${one.placed ? "" : "unplaced"}`,
       tabindex: 0,
       role: "button",
       "aria-roledescription": "thruster",
       "data-thruster": one.name,
-      "aria-label": `${one.name}${one.hand ? "" : ", not placed yet"}: ${tidy(one.x, 3)} m ahead, ${tidy(one.y, 3)} m to starboard, pushes ${tidy(one.angle, 3)} degrees from the bow, arm ${tidy(one.arm, 3)} m`,
+      "aria-label": `${one.name}${one.placed ? "" : ", not placed yet"}: ${tidy(one.x, 3)} m ahead, ${tidy(one.y, 3)} m to starboard, pushes ${tidy(one.angle, 3)} degrees from the bow, arm ${tidy(one.arm, 3)} m`,
       transform: `translate(${one.y} ${-one.x})`,
     }, this.root);
     const arrow = svg("g", { class: "push", transform: `rotate(${one.angle})` }, group);

@@ -270,7 +270,7 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "unknown": UNIDENTIFIABLE["thrust_scale"],
         "next_step": None
         if found is None
-        else next_step(found, next_planar_experiment(found), plan_command(report.stored.path, PLANAR)),
+        else next_step(found, next_planar_experiment(found), guess, plan_command(report.stored.path, PLANAR)),
         "tracks": [figure for name, figure in figures.items() if name == "planar_tracks"],
         "worst": speeds[:1],
         "others": speeds[1:],

@@ -102,7 +102,8 @@ def summarize(report: ReportData) -> PageSummary:
     step = NextStep(run="diagnosis, by `rovid diagnose`", reason="it finds what the simulation misses, and why")
     warned: list[str] = []
     if diagnosis is not None:
-        step = next_step(diagnosis, next_experiment(diagnosis), plan_command(report.parameters.path, report.axis))
+        plan = plan_command(report.parameters.path, report.axis)
+        step = next_step(diagnosis, next_experiment(diagnosis), report.vehicle.assumptions, plan)
         warned = list(cautions(diagnosis, report.campaign.trials if report.campaign else (), report.vehicle))
     return PageSummary(
         headline=_headline(report),

@@ -1,6 +1,5 @@
 """Terminal output of a diagnosis, of the trial of an effect and of discovered formulas."""
 
-import shlex
 from collections.abc import Sequence
 
 from rich.console import Console
@@ -25,6 +24,7 @@ from rovid.present.documents.diagnosis import all_faults
 from rovid.present.sentences import (
     EXTENDED_MODEL,
     PLAIN_MODEL,
+    between_command,
     cause_name,
     cause_title,
     comparison_headline,
@@ -93,7 +93,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
     if diagnosis.missing:
         print_text(console, diagnosis.missing)
     if diagnosis.verdict == "bad_logs":
-        print_labelled(console, "Next:", str(next_step(diagnosis, next_experiment(diagnosis))))
+        print_labelled(console, "Next:", str(next_step(diagnosis, next_experiment(diagnosis), guess)))
         return
     if diagnosis.from_tables is not None:
         predictions_table(diagnosis.from_tables).print(console, guess)
@@ -123,7 +123,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
     print_text(console, f"cannot be found from these data: {'; '.join(unidentifiable.values())}")
     if "thrust_scale" in unidentifiable and vehicle.thrusters:
         print_text(console, "A pull, a lift or a step of inertia determines the factor on all thrust: fit-thrust-scale")
-    print_labelled(console, "Next:", str(next_step(diagnosis, next_experiment(diagnosis))))
+    print_labelled(console, "Next:", str(next_step(diagnosis, next_experiment(diagnosis), guess)))
 
 
 def _show_unexplained(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
@@ -164,8 +164,7 @@ def show_finding(console: Console, finding: Finding) -> None:
     verb = "decides" if "commands" in decides else "may decide"
     print_text(console, f"  these data do not distinguish the causes; this run {verb}: {decides['run']}", 2)
     if "commands" in decides:
-        one, other = (shlex.quote(each.key) for each in (effect, finding.indistinguishable[0]))
-        command = labelled_text(f"rovid plan --between {one} --between {other}", "writes it")
+        command = labelled_text(between_command(decides), "writes it")
         console.print(f"  in {decides['minutes']:.1f} min;", command, highlight=False)
 
 

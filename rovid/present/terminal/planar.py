@@ -183,7 +183,7 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: P
         print_text(console, f"left unexplained, in percent of the variance of all forces: {', '.join(shares)}")
     if diagnosis.verdict != "bad_logs":
         print_text(console, f"cannot be found from these data: {UNIDENTIFIABLE['thrust_scale']}")
-    print_labelled(console, "Next:", str(next_step(diagnosis, next_planar_experiment(diagnosis))))
+    print_labelled(console, "Next:", str(next_step(diagnosis, next_planar_experiment(diagnosis), guess)))
     show_warnings(console, [*study.remarks(), *diagnosis.warnings])
 
 

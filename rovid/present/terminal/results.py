@@ -194,7 +194,7 @@ def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -
     if discriminates:
         gain, caption = "log-likelihood", f"Runs that distinguish {plan.models[0].name} from {plan.models[1].name}"
     else:
-        gain, caption = "variance over", f"Runs that make {plan.parameter.replace('_', ' ')} more certain"
+        gain, caption = "variance divided by", f"Runs that make {plan.parameter.replace('_', ' ')} more certain"
     columns = map(mixed_number_column, ("minutes", f"{gain} a minute", gain))
     table = ResultTable(caption, text_column("run"), *columns)
     for best in plan.runs[:_RUNS_SHOWN]:
@@ -204,7 +204,8 @@ def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -
             gains = list(map(math.exp, gains))
         table.add_row(best.run.name, format_number(best.run.seconds / 60.0, ".1f"), *map(format_number, gains))
     run = plan.best.run
-    print_labelled(console, "Next:", f"{run.name}, {format_number(run.seconds / 60.0, '.1f')} min, in {written[0]}")
+    where = f", in {written[0]}" if written else ""
+    print_labelled(console, "Next:", f"{run.name}, {format_number(run.seconds / 60.0, '.1f')} min{where}")
     console.print()
     console.print(table)
     if not plan.is_decisive:
@@ -269,8 +270,9 @@ def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
         return f"{format_number(percent, 2)} % of its range, {format_number(rms, 2)} rad/s rms"
 
     size = difference(made.mismatch.percent_of_range, made.mismatch.rms)
+    holds_model = not math.isnan(made.mismatch.rms)
     print_path(console, str(path))
-    if math.isnan(made.mismatch.rms):
+    if not holds_model:
         print_text(console, "Written. The file holds no model of the vehicle to re-simulate.")
     else:
         print_text(console, f"Written, and re-simulated with the target's equation: yaw rate off by {size}")
@@ -278,15 +280,15 @@ def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
         size = difference(made.kept_mismatch.percent_of_range, made.kept_mismatch.rms)
         print_text(console, f"without the parts that the target lacks: {size}")
     for loss in made.losses:
-        text = f"{loss.what}, {format_number(loss.percent_of_range, 2)} % of range: {loss.why}."
-        print_labelled(console, "Not held:", text, "red")
-    show_stability(console, made.stability)
+        share = f", {format_number(loss.percent_of_range, 2)} % of range" if holds_model else ""
+        print_labelled(console, "Not held:", f"{loss.what}{share}: {loss.why}.", "red")
+    show_stability(console, made.stability, "Stability:" if holds_model else "Vehicle without control:")
     show_warnings(console, made.warnings)
 
 
-def show_stability(console: Console, verdict: Stability) -> None:
+def show_stability(console: Console, verdict: Stability, label: str = "Stability:") -> None:
     """Print whether an exported model comes to rest at the simulator's step."""
-    print_labelled(console, "Stability:", verdict.text, "green" if verdict.stable else "red")
+    print_labelled(console, label, verdict.text, "green" if verdict.stable else "red")
 
 
 def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) -> None:
@@ -336,7 +338,7 @@ def _guess_table(survey: LogSurvey) -> ResultTable:
             table.add_row(f"angle of {rudder.name}", rudder.angle.source, rudder.angle.unit, rudder.angle.reason)
     for planar in survey.planar.values() if survey.with_planar else ():
         if planar.propeller[0]:
-            table.add_row("command of propeller", planar.propeller[0], "", "named so; it does not turn the vehicle")
+            table.add_row("command of propeller", planar.propeller[0], "", "by its name; it does not turn the vehicle")
         for name, signal_guess in planar.signals.items():
             table.add_row(name, signal_guess.source, signal_guess.unit, signal_guess.reason)
     return table

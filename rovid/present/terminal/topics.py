@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import rovid
-from rovid.core.errors import ConfigError, suggestion
+from rovid.core.errors import ConfigError, quoted_list, suggestion
 from rovid.export import ALIASES as FORMAT_WORDS
 from rovid.export import FORMATS
 
@@ -88,17 +88,23 @@ def topic_text(topic: str) -> str:
         # The catalogue is slow to import, and needed only for a name that was not found.
         from rovid.effects import SYNONYMS
 
-        effect_words = dict(SYNONYMS)
-        also = _ALSO | effect_words
-        raise ConfigError(
-            f"there is no page {topic!r}. {suggestion(topic, there, also)}", mend="`rovid help` lists them all."
-        )
+        nearest = suggestion(topic, there, _ALSO | dict(SYNONYMS))
+        mend = "`rovid help` lists them all."
+        if holding := _pages_with(topic):
+            mend = f"The words stand most often on the pages {quoted_list(holding)}. {mend}"
+        raise ConfigError(f"there is no page {topic!r}. {nearest}", mend=mend)
     page = _COMMENT.sub("", _path(topic).read_text(encoding="utf-8"))
     page = _TAG.sub("", page)
     page = _LINK.sub(lambda link: _reference(link, topic), _PICTURE.sub("", page))
     if "sample_logs/" in page:
         page += "\nThe sample logs come with rovid's sources.\n"
     return page
+
+
+def _pages_with(words: str) -> list[str]:
+    """The three pages on which ``words`` stand most often."""
+    counts = {page: _path(page).read_text(encoding="utf-8").lower().count(words.lower()) for page in TOPICS}
+    return sorted(filter(counts.get, counts), key=counts.__getitem__, reverse=True)[:3]
 
 
 def _folder() -> Path:

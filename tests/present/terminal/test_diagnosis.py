@@ -56,7 +56,7 @@ def test_a_cause_stands_with_its_size_before_the_evidence() -> None:
     assert account[0] == "The plain model misses thruster lag."
     assert account[2:6] == [
         "Thruster lag: time constant 0.600 ± 0.010 s",
-        "  confirmed: size 60 standard errors, gain 4500 on trials that were not fitted",
+        "  confirmed: size 60 standard errors, log-likelihood gain 4500 on trials that were not fitted",
         "  equation: τ·dT'/dt + T' = T",
         "  log-likelihood gain: 4000 after the parameter penalty",
     ]
