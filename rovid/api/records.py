@@ -49,10 +49,7 @@ if TYPE_CHECKING:
 _PRINTED: Mapping[type, tuple[Callable[..., dict[str, Any]], Callable[..., None]]] = {
     LogCheck: (results.check_document, show_checks.show_check),
     PlanarCheck: (planar.planar_check_document, show_planar.show_planar_check),
-    LikelihoodFit: (
-        fits.likelihood_document,
-        lambda console, fit, logs: show_results.show_fit(console, fit, show_results.show_likelihood, logs),
-    ),
+    LikelihoodFit: (fits.fit_document, show_results.show_fit),
     PlanarFit: (planar.planar_fit_document, show_planar.show_planar_fit),
     Diagnosis: (diagnoses.diagnosis_document, show_diagnoses.show_study_diagnosis),
     PlanarDiagnosis: (planar.planar_diagnosis_document, show_planar.show_planar_diagnosis),

@@ -14,12 +14,14 @@ import typer
 from typer.main import get_command
 
 from rovid import __version__
-from rovid.cli.options import FIRST_SESSION, ManualCommand, ManualGroup, Page
+from rovid.cli import completion
+from rovid.cli.context import console, print_json
+from rovid.cli.options import FIRST_SESSION, Json, ManualCommand, ManualGroup, Page, argument
 from rovid.cli.streams import machine_error, prepare_streams
 from rovid.core import threads
 from rovid.core.errors import RovidError
 
-# The manual pages in the order of the help. Each command has a module of its name, with the function of the command.
+# The manual pages in the order of the help. A command is a function in the module of its name, or of `_MODULES`.
 MANUAL = {
     name: Page(**page)
     for name, page in tomllib.loads(Path(__file__).with_name("manual.toml").read_text(encoding="utf-8")).items()
@@ -90,7 +92,59 @@ def _root(
     pass
 
 
+def help(  # noqa: A001 - the command's own name
+    context: typer.Context,
+    words: Annotated[
+        list[str] | None,
+        argument("TOPIC", "A page, an effect or a command. Default: list all.", autocompletion=completion.topics),
+    ] = None,
+    *,
+    json: Json = False,
+) -> None:
+    """Print a page of the documentation."""
+    from rovid.present.terminal.topic_page import show_topic, show_topics
+    from rovid.present.terminal.topics import topic_names, topic_text, topic_title
+
+    topic = " ".join(words) if words else None
+    manual = _manual(context, topic)
+    pages = topic_names()
+    has_page = manual is None or topic in pages
+    if json and topic is None:
+        print_json({"schema": "rovid-help/1", "topics": {name: topic_title(name) for name in pages}})
+    elif json:
+        text = topic_text(topic or "") if has_page else ""
+        print_json({"schema": "rovid-help/1", "topic": topic, "manual": manual, "text": text})
+    elif topic is None:
+        show_topics(console())
+    else:
+        if manual is not None:
+            typer.echo(f"{manual}\n")
+        if has_page:
+            show_topic(console(), topic)
+
+
+def _manual(context: typer.Context, name: str | None) -> str | None:
+    """The manual page of a command, as --help prints it."""
+    group = context.parent.command if context.parent else None
+    command = getattr(group, "commands", {}).get(name)
+    if command is None:
+        return None
+    own = type(context)(command, info_name=name, parent=context.parent)
+    return str(command.get_help(own)).rstrip()
+
+
+# Commands that share a module with others -> that module.
+_MODULES = {
+    **dict.fromkeys(("init", "check", "convert"), "logs"),
+    **dict.fromkeys(("fit-drag", "fit-inertia"), "fit"),
+    **dict.fromkeys(("fit-thruster", "fit-thrust-scale"), "thrust"),
+    **dict.fromkeys(("effect", "discover"), "effects"),
+    **dict.fromkeys(("compare", "fleet"), "campaigns"),
+    **dict.fromkeys(("open", "mcp"), "serve"),
+    "help": "cli",
+}
 for _name, _page in MANUAL.items():
-    _run = getattr(import_module(f"rovid.cli.{_name.replace('-', '_')}"), _name.replace("-", "_"))
+    _function = _name.replace("-", "_")
+    _run = getattr(import_module(f"rovid.cli.{_MODULES.get(_name, _function)}"), _function)
     # The docstring is the first line of the help.
     app.command(_name, cls=ManualCommand, help=f"{_run.__doc__}\n\n{_page.text}", epilog=_page.epilog)(_run)

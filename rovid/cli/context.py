@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -18,53 +17,78 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rovid.core.output_files import OutputFile, OutputSet
-    from rovid.diagnose.result import Diagnosis
-    from rovid.estimate.estimate import Estimate
-    from rovid.estimate.inertia import InertiaFit
-    from rovid.estimate.maximum_likelihood import LikelihoodFit
-    from rovid.estimate.steady_drag import DragFit
     from rovid.readers.campaign import PrefetchedReader, TrialReader
     from rovid.store.parameter_file import Parameters
+    from rovid.store.planar_study import PlanarStudy
     from rovid.store.study import Study
     from rovid.trial.assumptions import Assumptions
     from rovid.trial.axis import Axis
-
-    Fit = TypeVar("Fit", DragFit, InertiaFit, LikelihoodFit)
 
 # Columns of the output if the terminal's width is unknown.
 _WIDTH = 160
 
 
-def parameters_at(path: Path | None, axis: str | None, *, force: bool = False) -> Parameters:
+def is_planar(axes: str | None, axis: str | None, **unsupported: object) -> bool:
+    """Whether the coupled model of surge, sway and yaw is wanted.
+
+    ``unsupported`` are options that the coupled model does not have, by name. Raises ConfigError if there are no such
+    ``axes``, or a single ``axis`` or an unsupported option is given as well.
+    """
+    from rovid.trial.axis import PLANAR
+
+    if axes is None:
+        return False
+    if axes != PLANAR.name:
+        mend = "Give --axes planar for surge, sway and yaw together, or --axis for one of them."
+        raise ConfigError(f"is {axes!r}; planar was expected.", where="--axes", mend=mend)
+    if axis is not None:
+        mend = "Leave --axis out, or leave --axes out."
+        raise ConfigError(f"is given together with --axis {axis}.", where="--axes", mend=mend)
+    for name, value in unsupported.items():
+        if value:
+            option = f"--{name.replace('_', '-')}"
+            raise ConfigError(f"does not exist with --axes {axes}.", where=option, mend=f"Leave {option} out.")
+    return True
+
+
+def parameters_at(
+    path: Path | None, axis: str | None = None, *, planar: bool = False, force: bool = False
+) -> Parameters:
     """The parameter file, or an empty one if the file does not exist or is replaced with --force."""
     from rovid.core.output_files import PARAMETERS
     from rovid.store.parameter_file import Parameters
+    from rovid.trial.axis import PLANAR
 
-    file = _parameter_path(path, axis)
+    file = _parameter_path(path, axis, planar=planar)
     if file.exists() and not (force and file.is_file() and not PARAMETERS.matches(file)):
-        return existing_parameters(file, axis)
-    return Parameters(path=file, axis=named_axis(axis))
+        return existing_parameters(file, axis, planar=planar)
+    return Parameters(path=file, axis=PLANAR if planar else named_axis(axis))
 
 
-def existing_parameters(path: Path | None, axis: str | None = None) -> Parameters:
-    """The parameter file, which has to exist and to be of this axis."""
+def existing_parameters(path: Path | None, axis: str | None = None, *, planar: bool = False) -> Parameters:
+    """The parameter file, which has to exist and to be of this axis, or of the coupled model if ``planar``.
+
+    Raises ConfigError if the file is missing or damaged, or holds the parameters of another model.
+    """
     from rovid.store.load import read_parameters
     from rovid.trial.axis import PLANAR
 
-    stored = read_parameters(_parameter_path(path, axis))
-    if stored.axis is PLANAR:
-        raise ConfigError(
-            "holds the parameters of surge, sway and yaw together.",
-            where=stored.path,
-            mend="Give --axes planar where the command has it, or the file of one axis with -p.",
-        )
-    if axis and stored.axis.name != axis:
-        raise ConfigError(
-            f"holds the parameters of {stored.axis.name}, but --axis is {axis}.",
-            where=stored.path,
-            mend="Give another file with -p.",
-        )
-    return stored
+    file = _parameter_path(path, axis, planar=planar)
+    if planar and not file.exists():
+        mend = "Run `rovid fit --axes planar LOGS` first, or give a parameter file with -p."
+        raise ConfigError("there is no such parameter file.", where=file, mend=mend)
+    stored = read_parameters(file)
+    mend = "Give another file with -p."
+    if planar and stored.axis is not PLANAR:
+        text = f"holds the parameters of {stored.axis.name}, but --axes is planar."
+    elif stored.axis is PLANAR and not planar:
+        text = "holds the parameters of surge, sway and yaw together."
+        mend = "Give --axes planar where the command has it, or the file of one axis with -p."
+    elif axis and stored.axis.name != axis:
+        text = f"holds the parameters of {stored.axis.name}, but --axis is {axis}."
+    else:
+        return stored
+    raise ConfigError(text, where=stored.path, mend=mend)
 
 
 def yaw_parameters(path: Path | None) -> Parameters:
@@ -81,10 +105,10 @@ def yaw_parameters(path: Path | None) -> Parameters:
     return stored
 
 
-def _parameter_path(path: Path | None, axis: str | None) -> Path:
-    from rovid.trial.axis import parameter_file_name
+def _parameter_path(path: Path | None, axis: str | None, *, planar: bool = False) -> Path:
+    from rovid.trial.axis import PLANAR, parameter_file_name
 
-    return path or Path(parameter_file_name(named_axis(axis).name))
+    return path or Path(parameter_file_name(PLANAR.name if planar else named_axis(axis).name))
 
 
 def named_axis(name: str | None) -> Axis:
@@ -96,14 +120,16 @@ def named_axis(name: str | None) -> Axis:
 
 def stored_logs(stored: Parameters) -> list[Path]:
     """The logs that the parameter file names; an error if there are none."""
-    if not stored.logs:
-        exists = stored.path.exists()
-        raise ConfigError(
-            "names no logs." if exists else "there is no such parameter file, and no logs were given.",
-            where=stored.path,
-            mend="Give LOGS, or run `rovid fit-drag LOGS` first.",
-        )
-    return list(stored.logs)
+    from rovid.trial.axis import PLANAR
+
+    if stored.logs:
+        return list(stored.logs)
+    text, mend = "names no logs.", "Give LOGS, or run `rovid fit-drag LOGS` first."
+    if not stored.path.exists():
+        text = "there is no such parameter file, and no logs were given."
+        if stored.axis is PLANAR:
+            mend = "Give LOGS: `rovid fit --axes planar LOGS`."
+    raise ConfigError(text, where=stored.path, mend=mend)
 
 
 def open_logs(paths: Sequence[Path], cutoff: float | None, axis: Axis, reading: TrialReader | None = None) -> Study:
@@ -114,6 +140,14 @@ def open_logs(paths: Sequence[Path], cutoff: float | None, axis: Axis, reading: 
 
     with progress("Reading the logs …", first=SOON) as report:
         return open_study(paths, cutoff=cutoff, axis=axis, reading=reading, report=report)
+
+
+def open_planar_logs(paths: Sequence[Path]) -> PlanarStudy:
+    """Read the logs for surge, sway and yaw together."""
+    from rovid.store.planar_study import open_planar_study
+
+    with progress("Reading the logs …", first=SOON) as report:
+        return open_planar_study(paths, report)
 
 
 def prefetch_logs(
@@ -169,125 +203,6 @@ def reserve_outputs(outputs: Sequence[OutputFile], logs: Sequence[Path], *inputs
     from rovid.store.study import input_files
 
     return OutputSet(outputs, force=force, protected=[*input_files(logs), *inputs])
-
-
-@dataclass(frozen=True, kw_only=True)
-class FitSession:
-    """What a fit needs: the parameter file without stale values, the logs, the reserved files, and remarks."""
-
-    stored: Parameters
-    study: Study
-    outputs: OutputSet
-    notes: list[str]
-
-
-def open_session(
-    logs: Sequence[Path] | None,
-    parameters: Path | None,
-    axis: str | None,
-    cutoff: float | None,
-    *,
-    force: bool,
-    with_history: bool = False,
-    require_sound: bool = True,
-    prefetch: PrefetchedReader | None = None,
-) -> FitSession:
-    """Open the parameter file, reserve it (and its history), and read the logs.
-
-    Logs with a fault that no fit survives raise a `LogError` if ``require_sound``, unless ``force`` is given.
-    """
-    from rovid.store.load import history_output
-    from rovid.trial.fault import FAULT_IDS, FaultOverrides
-
-    stored = parameters_at(parameters, axis, force=force)
-    paths = logs or stored_logs(stored)
-    files = [stored.output, history_output(stored.path)] if with_history else [stored.output]
-    outputs = reserve_outputs(files, paths, force=force)
-    study = open_logs(paths, cutoff, stored.axis, prefetch)
-    if force:
-        study = replace(study, overrides=FaultOverrides(kept=dict.fromkeys(FAULT_IDS, ("*",))))
-    elif require_sound:
-        from rovid.preflight.check import require_right_signs
-
-        study.require_sound()
-        require_right_signs(study)
-    stored, notes = without_stale_values(stored, study)
-    return FitSession(stored=stored, study=study, outputs=outputs, notes=notes)
-
-
-def fit_and_store(
-    session: FitSession,
-    words: str,
-    fit: Callable[[], Fit],
-    document: Callable[[Fit, Study], dict[str, Any]],
-    show: Callable[[Console, Fit], None],
-    *options: str,
-    json: bool,
-) -> None:
-    """Run a fit, store its estimate in the parameter file, and print the result."""
-    from rovid.store.checks import method_disagreement
-
-    with progress(words):
-        result: Fit = fit()
-    study, stored = session.study, session.stored
-    disagreements: list[str] = method_disagreement(stored.entries_for(study.paths), result.estimate)
-    warnings = (*result.estimate.warnings, *session.notes, *disagreements)
-    warned = replace(result, estimate=replace(result.estimate, warnings=warnings))
-    stored = store_estimate(stored, session.outputs, study, warned.estimate, *options)
-    if json:
-        print_json(document(warned, study))
-        return
-    from rovid.present.console import print_text
-    from rovid.present.terminal.results import show_fit
-
-    show_fit(console(), warned, show, study)
-    print_text(console(), f"written to {stored.path}")
-
-
-def diagnose_study(
-    stored: Parameters, study: Study, report: Callable[[str], None], *, force: bool = False, budget: float | None = None
-) -> Diagnosis:
-    """Diagnose the logs and warn where ``stored`` disagrees; with ``force`` also logs with a fault that stops."""
-    from rovid.diagnose.result import Diagnosis
-    from rovid.preflight.check import reversed_thrusters
-    from rovid.store.checks import method_disagreement
-
-    if not force and (reversed_arms := reversed_thrusters(study)):
-        return Diagnosis(verdict="bad_logs", missing=reversed_arms)
-    stored, notes = without_stale_values(stored, study)
-    seconds = budget or study.default_budget
-    diagnosis = study.diagnosis(report, drag=stored.independent_drag(), force=force, budget=seconds)
-    if diagnosis.extended is not None:
-        notes = [*notes, *method_disagreement(stored.entries_for(study.paths), diagnosis.extended.estimate)]
-    return replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
-
-
-def store_estimate(
-    stored: Parameters,
-    outputs: OutputSet,
-    study: Study,
-    estimate: Estimate,
-    *options: str,
-    detectable_sizes: Mapping[str, float] | None = None,
-    with_history: bool = True,
-) -> Parameters:
-    """Store an estimate with its provenance in the parameter file, without values that are stale by now.
-
-    A joint estimate of all parameters also goes into the history, with the effect sizes a diagnosis could detect.
-    """
-    from rovid.store.checks import JOINT_METHODS
-    from rovid.store.load import update_parameters
-
-    def change(current: Parameters) -> Parameters:
-        fresh, _ = without_stale_values(current, study)
-        provenance = study.provenance
-        given = " ".join(filter(None, (provenance.options, *options)))
-        return fresh.with_estimate(estimate, replace(provenance, options=given))
-
-    limits = None
-    if with_history and estimate.method in JOINT_METHODS:
-        limits = detectable_sizes or {}
-    return update_parameters(stored, outputs, change, detection_limits=limits)
 
 
 def without_stale_values(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:

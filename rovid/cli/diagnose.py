@@ -1,18 +1,8 @@
 """``rovid diagnose``."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
-from rovid.cli.context import (
-    compile_in_background,
-    console,
-    diagnose_study,
-    open_session,
-    prefetch_logs,
-    print_json,
-    store_estimate,
-)
+from rovid.cli.context import compile_in_background, is_planar, prefetch_logs
 from rovid.cli.options import (
     Axes,
     AxisName,
@@ -25,7 +15,14 @@ from rovid.cli.options import (
     TimeBudget,
     add_effects,
 )
-from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
+from rovid.cli.sessions import (
+    diagnose_study,
+    open_planar_session,
+    open_session,
+    print_result,
+    store_estimate,
+    store_planar_fit,
+)
 from rovid.cli.streams import progress
 
 
@@ -44,7 +41,17 @@ def diagnose(
     """Find the errors of the simulation and their causes."""
     add_effects(effects_from)
     if is_planar(axes, axis, cutoff=cutoff):
-        _diagnose_planar(logs, parameters, budget, force=force, json=json)
+        from rovid.present.documents.planar import planar_diagnosis_document
+        from rovid.present.terminal.planar import show_planar_diagnosis
+
+        coupled = open_planar_session(logs, parameters, force=force, require_sound=False)
+        with progress("Diagnosing …", budget or coupled.study.logs.default_budget) as report:
+            found = coupled.study.diagnosis(report, force=force, budget=budget)
+        found = replace(found, warnings=(*found.warnings, *coupled.notes))
+        stored = None
+        if found.extended is not None:
+            stored = store_planar_fit(coupled, found.extended.fit)
+        print_result(found, coupled.study, stored, planar_diagnosis_document, show_planar_diagnosis, json=json)
         return
     with prefetch_logs(logs, parameters, axis, force=force) as prefetch:
         if compile_in_background():
@@ -57,40 +64,11 @@ def diagnose(
     with progress("Diagnosing …", budget or study.default_budget) as report:
         diagnosis = diagnose_study(session.stored, study, report, force=force, budget=budget)
     diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *session.notes))
+    stored = None
     if diagnosis.extended is not None:
         estimate, sizes = diagnosis.extended.estimate, diagnosis.detectable_sizes
-        store_estimate(session.stored, session.outputs, study, estimate, detectable_sizes=sizes)
-    if json:
-        from rovid.present.documents.diagnosis import diagnosis_document
+        stored = store_estimate(session.stored, session.outputs, study, estimate, detectable_sizes=sizes)
+    from rovid.present.documents.diagnosis import diagnosis_document
+    from rovid.present.terminal.diagnosis import show_study_diagnosis
 
-        print_json(diagnosis_document(diagnosis, study))
-    else:
-        from rovid.present.console import print_text
-        from rovid.present.terminal.diagnosis import show_study_diagnosis
-
-        show_study_diagnosis(console(), diagnosis, study)
-        if diagnosis.extended is not None:
-            print_text(console(), f"written to {session.stored.path}")
-
-
-def _diagnose_planar(
-    logs: Sequence[Path] | None, parameters: Path | None, budget: float | None, *, force: bool, json: bool
-) -> None:
-    """Diagnose surge, sway and yaw together."""
-    from rovid.present.console import print_text
-    from rovid.present.documents.planar import planar_diagnosis_document
-    from rovid.present.terminal.planar import show_planar_diagnosis
-
-    session = open_planar_session(logs, parameters, force=force, require_sound=False)
-    study = session.study
-    with progress("Diagnosing …", budget or study.logs.default_budget) as report:
-        diagnosis = study.diagnosis(report, force=force, budget=budget)
-    diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *session.notes))
-    if diagnosis.extended is not None:
-        store_planar_fit(session, diagnosis.extended.fit)
-    if json:
-        print_json(planar_diagnosis_document(diagnosis, study))
-        return
-    show_planar_diagnosis(console(), diagnosis, study)
-    if diagnosis.extended is not None:
-        print_text(console(), f"written to {session.stored.path}")
+    print_result(diagnosis, study, stored, diagnosis_document, show_study_diagnosis, json=json)

@@ -1,14 +1,14 @@
-"""``rovid fit``."""
+"""``rovid fit-drag``, ``rovid fit-inertia`` and ``rovid fit``."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rovid.cli import completion
-from rovid.cli.context import compile_in_background, console, fit_and_store, open_session, print_json
+from rovid.cli.context import compile_in_background, is_planar
 from rovid.cli.options import (
     Axes,
     AxisName,
@@ -16,13 +16,54 @@ from rovid.cli.options import (
     EffectsFrom,
     Force,
     Json,
+    Logs,
     OptionalLogs,
     ParameterFile,
     add_effects,
     option,
 )
-from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
+from rovid.cli.sessions import fit_and_store, open_planar_session, open_session, print_result, store_planar_fit
 from rovid.cli.streams import progress
+
+if TYPE_CHECKING:
+    from rovid.cli.sessions import FitSession
+    from rovid.store.study import Study
+
+
+def fit_drag(
+    logs: Logs,
+    *,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
+    cutoff: Cutoff = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Fit drag from steady turns."""
+    session = open_session(logs, parameters, axis, cutoff, force=force)
+    if session.stored.axis.self_righting:
+        # Under a constant torque such an axis comes to rest, so drag is found together with the inertia.
+        _fit_inertia(session, json=json)
+        return
+    fit_and_store(session, "Fitting drag …", session.study.drag, json=json)
+
+
+def fit_inertia(
+    logs: OptionalLogs = None,
+    *,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
+    cutoff: Cutoff = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Fit inertia from sines by four methods."""
+    _fit_inertia(open_session(logs, parameters, axis, cutoff, force=force), json=json)
+
+
+def _fit_inertia(session: FitSession[Study], *, json: bool) -> None:
+    drag = session.stored.independent_drag()
+    fit_and_store(session, "Fitting inertia …", lambda: session.study.inertia(drag), json=json)
 
 
 def fit(
@@ -45,45 +86,30 @@ def fit(
 ) -> None:
     """Fit all parameters by maximum likelihood."""
     add_effects(effects_from)
+    names = list(dict.fromkeys(effect or ()))
     if is_planar(axes, axis, gyro=gyro, cutoff=cutoff):
-        _fit_planar(logs, effect or [], parameters, force=force, json=json)
+        from rovid.present.documents.planar import planar_fit_document
+        from rovid.present.terminal.planar import show_planar_fit
+        from rovid.store.planar_study import planar_effect
+
+        chosen = tuple(dict.fromkeys(map(planar_effect, names)))
+        coupled = open_planar_session(logs, parameters, force=force)
+        with progress("Fitting surge, sway and yaw …"):
+            result = coupled.study.fit(chosen)
+        warnings = (*result.estimate.warnings, *coupled.notes)
+        result = replace(result, estimate=replace(result.estimate, warnings=warnings))
+        stored = store_planar_fit(coupled, result)
+        print_result(result, coupled.study, stored, planar_fit_document, show_planar_fit, json=json)
         return
     compile_in_background()
     from rovid.effects import effect_named
-    from rovid.present.documents.fits import likelihood_document
-    from rovid.present.terminal.results import show_likelihood
 
-    effects = tuple(map(effect_named, dict.fromkeys(effect or ())))
+    effects = tuple(map(effect_named, names))
     session = open_session(logs, parameters, axis, cutoff, force=force, with_history=True)
     fit_and_store(
         session,
         "Maximising the likelihood …",
         lambda: session.study.likelihood(effects, gyro=gyro),
-        likelihood_document,
-        show_likelihood,
         *["--gyro"] * gyro,
         json=json,
     )
-
-
-def _fit_planar(
-    logs: Sequence[Path] | None, effects: Sequence[str], parameters: Path | None, *, force: bool, json: bool
-) -> None:
-    """Fit surge, sway and yaw together, store the parameters and print them."""
-    from rovid.present.console import print_text
-    from rovid.present.documents.planar import planar_fit_document
-    from rovid.present.terminal.planar import show_planar_fit
-    from rovid.store.planar_study import planar_effect
-
-    chosen = tuple(dict.fromkeys(map(planar_effect, effects)))
-    session = open_planar_session(logs, parameters, force=force)
-    with progress("Fitting surge, sway and yaw …"):
-        fit = session.study.fit(chosen)
-    warnings = (*fit.estimate.warnings, *session.notes)
-    fit = replace(fit, estimate=replace(fit.estimate, warnings=warnings))
-    stored = store_planar_fit(session, fit)
-    if json:
-        print_json(planar_fit_document(fit, session.study))
-    else:
-        show_planar_fit(console(), fit, session.study)
-        print_text(console(), f"written to {stored.path}")

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rovid.cli import completion
-from rovid.cli.context import console, open_logs, parameters_at, print_json, reserve_outputs, stored_logs
+from rovid.cli.context import (
+    console,
+    is_planar,
+    open_logs,
+    open_planar_logs,
+    parameters_at,
+    print_json,
+    reserve_outputs,
+    stored_logs,
+)
 from rovid.cli.options import Axes, AxisName, EffectsFrom, Force, Json, OptionalLogs, ParameterFile, add_effects, option
-from rovid.cli.planar_session import is_planar, planar_logs, planar_parameters_at
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 
@@ -20,6 +29,7 @@ if TYPE_CHECKING:
     from rovid.effects import Effect
     from rovid.estimate.candidate_runs import RunLimits
     from rovid.store.parameter_file import Parameters
+    from rovid.store.study import Study
 
 
 def plan(
@@ -77,26 +87,20 @@ def plan(
     add_effects(effects_from)
     from rovid.core.output_files import PLAN, OutputFile, png_signature
     from rovid.effects import effect_named
-    from rovid.estimate.candidate_runs import RunLimits
     from rovid.estimate.experiment_design import command_csv
     from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import plan_document
     from rovid.present.plots.results import plan_picture
     from rovid.present.terminal.results import show_plan
-    from rovid.store.checks import check_freshness
 
-    def limits(*, angular: bool) -> RunLimits:
-        factor = math.pi / 180.0 if angular else 1.0
-        rate, travel = math.inf if max_rate is None else factor * max_rate, math.inf if turns is None else turns
-        return RunLimits(share=share, seconds=60.0 * minutes, rate=rate, travel=travel, design=design)
-
+    limits = partial(_limits, share, minutes, max_rate, turns, design)
     if is_planar(axes, axis, between=between):
         if matrix or design:
             where = "--matrix" if matrix else "--design"
             raise ConfigError(
                 "is for one axis; it does not exist for --axes planar.", where=where, mend="Leave it out."
             )
-        _plan_planar(logs, parameters, output, effect, limits(angular=True), narrow or "", force=force, json=json)
+        _plan_planar(logs, parameters, output, effect or (), limits(True), narrow or "", force=force, json=json)
         return
     causes = tuple(dict.fromkeys(map(effect_named, between or ())))
     if matrix:
@@ -116,20 +120,29 @@ def plan(
     study.vehicle.require_no_rudder("a run of commands")
     effects = tuple(dict.fromkeys((*stored.effect_forms(), *map(effect_named, effect or ()))))
     with progress("Fitting, and comparing candidate runs …"):
-        found = study.plan(effects, causes, limits(angular=stored.axis.angular), narrow or "")
+        found = study.plan(effects, causes, limits(stored.axis.angular), narrow or "")
     outputs.write({commands: command_csv(found), picture: plan_picture(found, stored.axis)})
-    warnings = []
+    warnings = _stale_effects(stored, study)
     if not (effects or causes or stored.path.exists()):
         reason = "does not exist, so the run is planned for a model without causes"
         warnings = [f"{stored.path} {reason}. Give the parameter file of a diagnosis with -p."]
-    if stored.effects and (reason := check_freshness(stored, study.provenance).reason):
-        warnings = [f"{stored.path.name} is out of date: {reason}. Only the names of its effects were used."]
     if json:
         print_json(plan_document(found, study.vehicle, str(commands.path), str(picture.path), warnings))
     else:
         show_caution(console(), study.vehicle.assumptions)
         show_plan(console(), found, [commands.path, picture.path])
         show_warnings(console(), warnings)
+
+
+def _limits(
+    share: float, minutes: float, max_rate: float | None, turns: float | None, design: bool, angular: bool
+) -> RunLimits:
+    """Limits of a run in SI units."""
+    from rovid.estimate.candidate_runs import RunLimits
+
+    rate = math.inf if max_rate is None else max_rate * (math.pi / 180.0 if angular else 1.0)
+    travel = math.inf if turns is None else turns
+    return RunLimits(share=share, seconds=60.0 * minutes, rate=rate, travel=travel, design=design)
 
 
 def _plan_matrix(
@@ -185,11 +198,19 @@ def _plan_matrix(
         show_warnings(console(), warnings)
 
 
+def _stale_effects(stored: Parameters, study: Study) -> list[str]:
+    """A warning if the effects come from a parameter file that is out of date."""
+    from rovid.store.checks import check_freshness
+
+    reason = stored.effects and check_freshness(stored, study.provenance).reason
+    return [f"{stored.path.name} is out of date: {reason}. Only the names of its effects were used."] if reason else []
+
+
 def _plan_planar(
     logs: Sequence[Path] | None,
     parameters: Path | None,
     output: Path,
-    effect: Sequence[str] | None,
+    effect: Sequence[str],
     limits: RunLimits,
     narrow: str,
     *,
@@ -201,24 +222,22 @@ def _plan_planar(
     from rovid.estimate.experiment_design import command_csv
     from rovid.present.documents.planar import planar_plan_document
     from rovid.present.terminal.planar import show_planar_plan
-    from rovid.store.checks import check_freshness
-    from rovid.store.planar_study import open_planar_study, planar_effect
+    from rovid.store.planar_study import planar_effect
 
-    stored = planar_parameters_at(parameters)
-    effects = list(map(planar_effect, dict.fromkeys((*stored.effects, *(effect or ())))))
-    paths = logs or planar_logs(stored)
+    stored = parameters_at(parameters, planar=True)
+    effects = list(map(planar_effect, dict.fromkeys((*stored.effects, *effect))))
+    paths = logs or stored_logs(stored)
     commands = OutputFile(output, PLAN)
     outputs = reserve_outputs([commands], paths, stored.path, force=force)
-    study = open_planar_study(paths)
+    study = open_planar_logs(paths)
     if not force:
         study.logs.require_sound()
     with progress("Fitting, and comparing candidate runs …"):
         found = study.plan(effects, limits, narrow)
     outputs.write({commands: command_csv(found.ranked)})
-    warnings = list(map(study.vehicle.assumptions.mark_sentence, found.warnings))
-    if stored.effects and (reason := check_freshness(stored, study.provenance).reason):
-        warnings.append(f"{stored.path.name} is out of date: {reason}. Only the names of its effects were used.")
+    warnings = [*study.remarks(), *map(study.vehicle.assumptions.mark_sentence, found.warnings)]
+    warnings += _stale_effects(stored, study.logs)
     if json:
-        print_json(planar_plan_document(found, study.vehicle, str(commands.path), [*study.remarks(), *warnings]))
+        print_json(planar_plan_document(found, study.vehicle, str(commands.path), warnings))
     else:
-        show_planar_plan(console(), found, study, [commands.path], [*study.remarks(), *warnings])
+        show_planar_plan(console(), found, study, [commands.path], warnings)

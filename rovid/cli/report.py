@@ -1,6 +1,5 @@
 """``rovid report``."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,6 +8,7 @@ import typer
 from rovid.cli.context import (
     compile_in_background,
     console,
+    is_planar,
     open_logs,
     parameters_at,
     print_json,
@@ -28,7 +28,7 @@ from rovid.cli.options import (
     add_effects,
     option,
 )
-from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
+from rovid.cli.sessions import open_planar_session, store_planar_fit
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 
@@ -75,60 +75,66 @@ def report(
     """Write all results on one page."""
     add_effects(effects_from)
     widths = list(map(_journal_width, journal or ()))
-    if is_planar(axes, axis, cutoff=cutoff):
-        _report_planar(
-            logs, parameters, output or Path("report_planar"), diagnosed=diagnosis, pdf=pdf, journal=widths,
-            budget=budget, force=force, json=json,
-        )  # fmt: skip
-        return
-    compile_in_background()
-    from rovid.present.console import show_caution, show_faults, show_warnings
+    planar = is_planar(axes, axis, cutoff=cutoff)
+    if not planar:
+        compile_in_background()
+    from rovid.present.console import print_path, show_caution, show_faults, show_warnings
     from rovid.present.documents.fits import all_warnings, axis_document, fault_documents, guess_document
-    from rovid.present.page.build import build_report, pdf_output
-    from rovid.present.page.summary import summarize
-    from rovid.trial.axis import YAW
+    from rovid.present.page.plot_files import pdf_output
 
-    stored = parameters_at(parameters, axis, force=force)
-    notes = write_missing_config(logs, stored.axis) if logs else []
-    study = open_logs(logs or stored_logs(stored), cutoff, stored.axis)
-    if not force:
-        study.require_sound()
-    folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
-    with progress("Fitting drag and inertia …") as show_progress:
-        page, data = build_report(
-            stored,
-            study,
-            folder,
-            diagnosed=diagnosis,
-            budget=budget,
-            controlled=control,
-            exported=export,
-            pdf=pdf,
-            journal=widths,
-            force=force,
-            report=show_progress,
-        )
-    assumptions, found = study.vehicle.assumptions, data.diagnosis
-    answer = summarize(data).headline
-    if found is not None and found.missing:
-        answer = f"{answer.removesuffix('.')}: {found.missing}"
-    files = {"page": str(page)}
-    if pdf:
-        files["pdf"] = str(pdf_output(folder).path)
-    notes = [*notes, *data.notes]
+    document, further = dict[str, Any](schema="rovid-report/1"), dict[str, Any]()
+    options: dict[str, Any] = {"diagnosed": diagnosis, "budget": budget, "pdf": pdf, "journal": widths, "force": force}
+    if planar:
+        from rovid.present.documents.planar import AXES_DOCUMENT, measures_document
+        from rovid.present.page.planar import build_planar_report
+
+        session = open_planar_session(logs, parameters, force=force)
+        stored, reported, folder = session.stored, session.study.logs, output or Path("report_planar")
+        with progress("Fitting surge, sway and yaw …") as show_progress:
+            page, contents = build_planar_report(
+                session.study,
+                stored,
+                folder,
+                lambda fit: store_planar_fit(session, fit),
+                report=show_progress,
+                **options,
+            )
+        assumptions, answer = session.study.vehicle.assumptions, contents.headline
+        notes = [*session.notes, *contents.notes]
+        document |= AXES_DOCUMENT | {"verdict": contents.diagnosis and contents.diagnosis.verdict}
+        further = {"standard_manoeuvres": measures_document(contents.manoeuvres)}
+    else:
+        from rovid.present.page.build import build_report
+        from rovid.present.page.summary import summarize
+        from rovid.trial.axis import YAW
+
+        stored = parameters_at(parameters, axis, force=force)
+        notes = write_missing_config(logs, stored.axis) if logs else []
+        reported = open_logs(logs or stored_logs(stored), cutoff, stored.axis)
+        if not force:
+            reported.require_sound()
+        folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
+        with progress("Fitting drag and inertia …") as show_progress:
+            page, data = build_report(
+                stored, reported, folder, controlled=control, exported=export, report=show_progress, **options
+            )
+        assumptions, answer, found = reported.vehicle.assumptions, summarize(data).headline, data.diagnosis
+        if found is not None and found.missing:
+            answer = f"{answer.removesuffix('.')}: {found.missing}"
+        notes = [*notes, *data.notes]
+        document |= axis_document(stored.axis) | {"verdict": None if found is None else found.verdict}
+    files = {"page": str(page)} | ({"pdf": str(pdf_output(folder).path)} if pdf else {})
     if json:
-        results = {"verdict": None if found is None else found.verdict, "answer": answer}
-        warnings = {**guess_document(assumptions), "warnings": all_warnings(assumptions, notes)}
-        paths = {**files, "parameters": str(stored.path)}
-        faults = {"faults": fault_documents(study.faults)}
-        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **results, **paths, **faults, **warnings})
+        document |= {"answer": answer, **files, "parameters": str(stored.path)}
+        document |= {"faults": fault_documents(reported.faults), **further}
+        print_json(document | guess_document(assumptions) | {"warnings": all_warnings(assumptions, notes)})
         return
     show_caution(console(), assumptions)
-    show_faults(console(), study.faults)
+    show_faults(console(), reported.faults)
     show_warnings(console(), notes)
     console().print(answer, highlight=False)
     for path in files.values():
-        console().print(path, highlight=False, soft_wrap=True)
+        print_path(console(), path)
 
 
 def _journal_width(text: str) -> str:
@@ -137,57 +143,3 @@ def _journal_width(text: str) -> str:
     if width not in _JOURNAL_WIDTHS:
         raise ConfigError(f"is {text!r}; {' or '.join(_JOURNAL_WIDTHS)} was expected.", where="--journal")
     return width
-
-
-def _report_planar(
-    logs: Sequence[Path] | None,
-    parameters: Path | None,
-    folder: Path,
-    *,
-    diagnosed: bool,
-    pdf: bool,
-    journal: Sequence[str],
-    budget: float | None,
-    force: bool,
-    json: bool,
-) -> None:
-    """Write the page of the coupled model."""
-    from rovid.present.console import show_caution, show_faults, show_warnings
-    from rovid.present.documents.fits import all_warnings, fault_documents, guess_document
-    from rovid.present.documents.planar import measures_document
-    from rovid.present.page.planar import build_planar_report
-
-    session = open_planar_session(logs, parameters, force=force)
-    study = session.study
-    with progress("Fitting surge, sway and yaw …") as show_progress:
-        page, report = build_planar_report(
-            study,
-            session.stored,
-            folder,
-            lambda fit: store_planar_fit(session, fit),
-            diagnosed=diagnosed,
-            budget=budget,
-            pdf=pdf,
-            journal=journal,
-            force=force,
-            report=show_progress,
-        )
-    files = {"page": str(page)} | ({"pdf": str(page.with_name("report.pdf"))} if pdf else {})
-    faults, guess, notes = study.logs.faults, study.vehicle.assumptions, [*session.notes, *report.notes]
-    if json:
-        document: dict[str, Any] = {
-            "schema": "rovid-report/1",
-            "axes": "planar",
-            "verdict": None if report.diagnosis is None else report.diagnosis.verdict,
-            "answer": report.headline,
-        }
-        document |= {**files, "parameters": str(session.stored.path), "faults": fault_documents(faults)}
-        document["standard_manoeuvres"] = measures_document(report.manoeuvres)
-        print_json(document | guess_document(guess) | {"warnings": all_warnings(guess, notes)})
-        return
-    show_caution(console(), guess)
-    show_faults(console(), faults)
-    show_warnings(console(), notes)
-    console().print(report.headline, highlight=False)
-    for path in files.values():
-        console().print(path, highlight=False, soft_wrap=True)

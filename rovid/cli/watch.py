@@ -13,15 +13,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rovid.cli.context import (
-    compile_in_background,
-    console,
-    diagnose_study,
-    parameters_at,
-    reserve_outputs,
-    store_estimate,
-)
+from rovid.cli.context import compile_in_background, console, parameters_at, reserve_outputs
 from rovid.cli.options import AxisName, Cutoff, Force, ParameterFile, TimeBudget, argument, option
+from rovid.cli.sessions import diagnose_study, store_estimate
 from rovid.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:

@@ -84,11 +84,11 @@ def simulation_units(axis: Axis) -> Document:
     }
 
 
-def _fit_document(estimate: Estimate, study: Study) -> Document:
-    """The part that the documents of all fits share."""
-    guess = estimate.assumptions
+def fit_document(fit: DragFit | InertiaFit | LikelihoodFit, study: Study) -> Document:
+    """The document of `rovid fit-drag`, `rovid fit-inertia` or `rovid fit` with --json."""
+    estimate, guess = fit.estimate, fit.estimate.assumptions
     ratios = estimate.ratios if guess.ratios_hold else ()
-    return {
+    document = {
         "schema": "rovid-fit/1",
         "parameters": parameter_document(estimate),
         "effects": effect_ids(estimate.names),
@@ -103,6 +103,9 @@ def _fit_document(estimate: Estimate, study: Study) -> Document:
         "faults": fault_documents(study.faults),
         "warnings": all_warnings(guess, [*fault_texts(study.faults), *study.remarks(), *estimate.warnings]),
     }
+    if isinstance(fit, DragFit):
+        return document | _drag(fit)
+    return document | (_inertia(fit) if isinstance(fit, InertiaFit) else _likelihood(fit, study))
 
 
 def fault_documents(faults: Sequence[Fault]) -> list[Document]:
@@ -128,15 +131,14 @@ def _filter_document(runs: PreparedRuns) -> Document:
     return document
 
 
-def drag_document(fit: DragFit, study: Study) -> Document:
-    """The document of `rovid fit-drag --json`."""
+def _drag(fit: DragFit) -> Document:
     estimate, axis = fit.estimate, fit.estimate.axis
     states = []
     for point, error, residual, left_out in zip(fit.points, fit.torque_error, fit.residuals, fit.left_out, strict=True):
         names = ("quadratic_drag", "linear_drag", "torque_prediction_error")
         without = dict(zip(names, left_out, strict=True))
         states.append(_steady_point(point, axis) | {"torque_error": error, "residual": residual, "left_out": without})
-    return _fit_document(estimate, study) | {
+    return {
         "r_squared": fit.r_squared,
         "correlation": estimate.correlation("quadratic_drag", "linear_drag"),
         "degrees_of_freedom": estimate.degrees_of_freedom,
@@ -153,12 +155,11 @@ def _steady_point(point: SteadyPoint, axis: Axis) -> Document:
     return fields(point, "source", "start", "stop", "command", **names, drift="drift", drift_error="drift_error")
 
 
-def inertia_document(fit: InertiaFit, study: Study) -> Document:
-    """The document of `rovid fit-inertia --json`."""
+def _inertia(fit: InertiaFit) -> Document:
     estimate, added = fit.estimate, None
     if fit.added_inertia is not None:
         added = value_document(fit.added_inertia, estimate.unit("inertia"), estimate.standard_error("inertia"))
-    return _fit_document(estimate, study) | {
+    return {
         "chosen": fit.chosen,
         "methods": {name: _method_document(fit, name) for name in fit.methods},
         "refused": fit.refused,
@@ -187,14 +188,13 @@ def _method_document(fit: InertiaFit, name: str) -> Document:
     return document
 
 
-def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
-    """The document of `rovid fit --json`."""
+def _likelihood(fit: LikelihoodFit, study: Study) -> Document:
     axis = fit.estimate.axis
     measured, unit = axis.position_signal, axis.unit("rad")
     if fit.rate_only:
         measured, unit = axis.rate_signal, axis.rate_unit
     force_unit = axis.force_unit + (PER_INERTIA if fit.estimate.per_inertia else "")
-    document = _fit_document(fit.estimate, study) | {
+    document: Document = {
         "log_likelihood": fit.log_likelihood,
         "disturbance": {
             "value": fit.disturbance,

@@ -7,7 +7,7 @@ from pathlib import Path
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import commands_by_name
 from rovid.present.documents.diagnosis import diagnosis_document
-from rovid.present.documents.fits import Document, fields, likelihood_document, parameter_document
+from rovid.present.documents.fits import Document, fields, fit_document, parameter_document
 from rovid.store.folder_monitor import Problem, WatchedLog
 from rovid.store.watch_session import (
     CriterionStatus,
@@ -89,7 +89,7 @@ def _model_document(event: ModelFitted) -> Document:
     return document | {
         "effects": [effect.key for effect in fit.model.effects],
         "parameters": parameters_with_previous(fit.estimate, event.before),
-        "fit": likelihood_document(fit, event.study),
+        "fit": fit_document(fit, event.study),
     }
 
 
@@ -144,7 +144,7 @@ def _end_document(event: SessionEnded) -> Document:
         "diagnosis": None,
     }
     if event.study is not None and event.fit is not None:
-        document["fit"] = likelihood_document(event.fit, event.study)
+        document["fit"] = fit_document(event.fit, event.study)
     if event.study is not None and event.diagnosis is not None:
         document["diagnosis"] = diagnosis_document(event.diagnosis, event.study)
     return document

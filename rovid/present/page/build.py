@@ -8,13 +8,14 @@ from typing import TypeVar
 from rovid.control.design import ControllerDesign, design_controller
 from rovid.control.specs import ControllerOptions, loop_conditions
 from rovid.core.errors import DataError
-from rovid.core.output_files import OutputFile, OutputSet, pdf_signature
+from rovid.core.output_files import OutputSet
 from rovid.estimate.estimate import Estimate
 from rovid.export import FORMATS
 from rovid.export.interface import export_input
 from rovid.export.run_export import VerifiedExport, load_exporter, verified_export
 from rovid.model.model import Model
 from rovid.model.simulation import simulate_runs
+from rovid.present.page.plot_files import pdf_output
 from rovid.present.page.render import claim_report, write_report
 from rovid.present.page.templating import print_pdf, require_browser
 from rovid.present.report_data import ReportData, separations, simulate_nested_models
@@ -79,11 +80,6 @@ def build_report(
         report("Printing the page …")
         paper.write({pdf_output(folder): print_pdf(written, browser)})
     return written, data
-
-
-def pdf_output(folder: Path) -> OutputFile:
-    """The page of ``folder`` as PDF."""
-    return OutputFile(folder / "report.pdf", pdf_signature("report"))
 
 
 def _identified(

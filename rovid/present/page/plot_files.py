@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from rovid.core.output_files import PAGE, OutputFile, OutputSet, png_signature, svg_signature
+from rovid.core.output_files import PAGE, OutputFile, OutputSet, pdf_signature, png_signature, svg_signature
 from rovid.present.plots import canvas
 from rovid.trial.assumptions import Assumptions
 
@@ -67,6 +67,11 @@ def existing_plots(folder: Path) -> list[OutputFile]:
     files = [path for one in (folder, *sorted(folder.glob("*mm"))) for path in sorted(one.glob("*"))]
     plots = filter(lambda path: _FILE_NAMES.fullmatch(path.name), files)
     return [OutputFile(path, signatures[path.suffix]) for path in plots]
+
+
+def pdf_output(folder: Path) -> OutputFile:
+    """The page of ``folder`` as PDF."""
+    return OutputFile(folder / "report.pdf", pdf_signature("report"))
 
 
 def claim_page(folder: Path, plot: str, *, force: bool, protected: Iterable[Path]) -> OutputSet:

@@ -1,9 +1,8 @@
 """Results of fits, simulations, plans, exports and surveys on a terminal."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from rich.console import Console
@@ -42,14 +41,18 @@ _RUNS_SHOWN = 8
 _CANDIDATES = 8
 # Largest number of bench readings in the table.
 _READINGS_SHOWN = 40
-_Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
 
 
-def show_fit(console: Console, fit: _Fit, show: Callable[[Console, _Fit], None], study: Study) -> None:
+def show_fit(console: Console, fit: DragFit | InertiaFit | LikelihoodFit, study: Study) -> None:
     """Print a fit, the low-pass filter, and the warnings."""
     show_caution(console, study.vehicle.assumptions)
     show_faults(console, study.faults)
-    show(console, fit)
+    if isinstance(fit, DragFit):
+        _show_drag(console, fit)
+    elif isinstance(fit, InertiaFit):
+        _show_inertia(console, fit)
+    else:
+        _show_likelihood(console, fit)
     if study.runs is not None and isinstance(fit, LikelihoodFit) and fit.estimate.per_inertia:
         _show_decay(console, analyse_free_decay(fit.model, fit.estimate, study.runs.items, study.vehicle))
     if study.runs is not None:
@@ -67,8 +70,7 @@ def show_fit(console: Console, fit: _Fit, show: Callable[[Console, _Fit], None],
     show_warnings(console, [*study.remarks(), *fit.estimate.warnings])
 
 
-def show_drag(console: Console, fit: DragFit) -> None:
-    """Print the result of `rovid fit-drag`."""
+def _show_drag(console: Console, fit: DragFit) -> None:
     estimate, guess, correlation = fit.estimate, fit.estimate.assumptions, math.nan
     steady_table(fit).print(console, guess)
     if fit.unsteady:
@@ -86,8 +88,7 @@ def show_drag(console: Console, fit: DragFit) -> None:
         directions_table(fit).print(console, guess)
 
 
-def show_inertia(console: Console, fit: InertiaFit) -> None:
-    """Print the result of `rovid fit-inertia`."""
+def _show_inertia(console: Console, fit: InertiaFit) -> None:
     estimate = fit.estimate
     methods_table(fit, None).print(console, estimate.assumptions)
     if any(reading.runs for reading in fit.methods.values()):
@@ -99,8 +100,7 @@ def show_inertia(console: Console, fit: InertiaFit) -> None:
         print_text(console, f"added inertia (inertia less that of the rigid body): {added} {unit}")
 
 
-def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
-    """Print the result of `rovid fit`."""
+def _show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     estimate, axis = fit.estimate, fit.estimate.axis
     text, kind = fit_verdict(fit)
     print_labelled(console, text, style=VERDICT_STYLES[kind])

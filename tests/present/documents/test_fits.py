@@ -10,7 +10,7 @@ from rovid.estimate.thrust_curve import fit_thrust_curve
 from rovid.present.documents.fits import (
     axis_document,
     bench_document,
-    drag_document,
+    fit_document,
     parameter_document,
     position_errors,
     simulation_units,
@@ -48,7 +48,7 @@ def test_keys_and_units_are_those_of_the_axis() -> None:
 def test_what_was_refused_cannot_be_identified_and_tables_have_no_filter() -> None:
     study = open_study([SAMPLES / "rosub_paper"])
     fit = study.drag()
-    document = drag_document(fit, study)
+    document = fit_document(fit, study)
     assert document["schema"] == "rovid-fit/1"
     assert document["filter"] is None
     assert document["not_identifiable"] == ["thrust_scale", *fit.estimate.refused]

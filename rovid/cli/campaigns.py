@@ -1,14 +1,18 @@
-"""``rovid compare``."""
+"""``rovid compare`` and ``rovid fleet``: several campaigns."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
+
+from rovid.cli import completion
 from rovid.cli.context import (
     compile_in_background,
     console,
     existing_parameters,
+    is_planar,
     named_axis,
     open_logs,
     parameters_at,
@@ -18,7 +22,6 @@ from rovid.cli.context import (
     stored_logs,
 )
 from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, ParameterFile, argument, option
-from rovid.cli.planar_session import is_planar, planar_parameters
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 
@@ -130,10 +133,12 @@ def _compare_planar(given: list[Path], parameters: Path | None, matters: float, 
     from rovid.compare.planar import compare_planar, planar_campaigns
     from rovid.present.terminal.planar_comparison import planar_comparison_document, show_planar_comparison
 
-    first, *rest = given
-    second, notes = (rest[0], []) if rest else _current_planar(parameters)
+    notes: list[str] = []
+    if len(given) == 1:
+        stored = existing_parameters(parameters, planar=True)
+        given, notes = [*given, stored.path], require_fresh(stored, None)
     with progress("Reading …") as report:
-        a, b = planar_campaigns((first, second), report)
+        a, b = planar_campaigns((given[0], given[1]), report)
         comparison = compare_planar(a, b, relevant_change=matters)
     if json:
         print_json(planar_comparison_document(comparison, notes))
@@ -141,7 +146,39 @@ def _compare_planar(given: list[Path], parameters: Path | None, matters: float, 
         show_planar_comparison(console(), comparison, notes)
 
 
-def _current_planar(parameters: Path | None) -> tuple[Path, list[str]]:
-    """The current parameter file of the coupled model, which has to be up to date, with remarks on it."""
-    stored = planar_parameters(parameters)
-    return stored.path, require_fresh(stored, None)
+def fleet(
+    folders: Annotated[list[Path], argument("FOLDERS", "Campaigns, or folders that contain campaigns at any depth.")],
+    *,
+    output: Annotated[Path, option("OUT", "Folder for the table, the page and the diagnoses.", "--output", "-o")],
+    jobs: Annotated[
+        int | None, option("N", "Number of campaigns at a time. Default: the number of cores.", min=1)
+    ] = None,
+    cluster: Annotated[str, option("ADDRESS", "Scheduler of a Dask cluster to use instead of this machine.")] = "",
+    timeout: Annotated[float, option("SECONDS", "Time limit for each campaign in s.", min=1e-3)] = 3600.0,
+    shrink: Annotated[
+        bool, typer.Option("--shrink", help="Treat the vehicles as sisters: add hierarchical means to the table.")
+    ] = False,
+    axis: Annotated[
+        str | None,
+        option(
+            "AXIS",
+            "Degree of freedom: yaw, surge, sway, heave, roll or pitch. Default: yaw.",
+            autocompletion=completion.axes,
+        ),
+    ] = None,
+    cutoff: Cutoff = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Diagnose many campaigns and summarise them."""
+    from rovid.fleet.run import FleetOptions, fleet_document, run_fleet, show_fleet
+
+    options = FleetOptions(
+        axis=named_axis(axis).name, cutoff=cutoff, jobs=jobs, cluster=cluster, patience=timeout, shrink=shrink
+    )
+    with progress("Looking for campaigns …") as report:
+        result = run_fleet(folders, output, options, force=force, report=report)
+    if json:
+        print_json(fleet_document(result))
+    else:
+        show_fleet(console(), result)

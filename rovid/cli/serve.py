@@ -1,4 +1,4 @@
-"""``rovid open``."""
+"""``rovid open`` and ``rovid mcp``: a page for a browser, and tools for an assistant."""
 
 from __future__ import annotations
 
@@ -54,3 +54,16 @@ def open(  # noqa: A001 - the command's name
             show_in_browser(guard.ticket(), session.path)
 
     serve(logs or [], listen(port), announce, budget=budget)
+
+
+def mcp() -> None:
+    """Serve an assistant by the Model Context Protocol."""
+    if find_spec("mcp") is None or find_spec("mcp.server.mcpserver") is None:
+        raise ConfigError(
+            "needs the package mcp, version 2 or later.",
+            where="rovid mcp",
+            mend="Install it with `pip install 'rovid[mcp]'`.",
+        )
+    from rovid.api.mcp_server import server
+
+    server().run("stdio")

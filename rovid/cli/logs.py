@@ -1,0 +1,127 @@
+"""``rovid init``, ``rovid check`` and ``rovid convert``: the logs before any fit."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rovid.cli import completion
+from rovid.cli.context import announce_compilation, console, is_planar, named_axis, print_json, reserve_outputs
+from rovid.cli.options import Axes, AxisName, Force, Json, Logs, argument, option
+from rovid.core.errors import LINE_LENGTH, DataError, display_text
+
+
+def init(
+    logs: Logs,
+    *,
+    vehicle: Annotated[
+        str | None,
+        option(
+            "TYPE",
+            "Type of vehicle, as bluerov2-heavy, or your own preset file, as my_rov.toml.",
+            autocompletion=completion.vehicles,
+        ),
+    ] = None,
+    heading: Annotated[
+        str | None, option("COLUMN", "Column or topic of the heading, or of the position along --axis.")
+    ] = None,
+    command: Annotated[
+        str | None, option("COLUMN,…", "Columns or topics of the thruster commands, separated by commas.")
+    ] = None,
+    axis: AxisName = None,
+    axes: Axes = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing rovid.toml.")] = False,
+    json: Json = False,
+) -> None:
+    """Write a first rovid.toml for your logs."""
+    from rovid.core.output_files import OutputSet
+    from rovid.preflight.config_writer import write_config
+    from rovid.preflight.log_survey import SurveyOptions, output_files, survey
+    from rovid.present.documents.results import survey_document
+    from rovid.present.terminal.results import show_survey
+
+    planar = is_planar(axes, axis)
+    # An existing file is an error before the logs are read.
+    OutputSet([output_files(logs)[0]], force=force)
+    commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
+    headings = (heading,) if heading else ()
+    options = SurveyOptions(
+        axis=named_axis(axis), headings=headings, commands=commands, vehicle=vehicle or "", planar=planar
+    )
+    found, written = write_config(survey(logs, options), logs, force=force)
+    if json:
+        print_json(survey_document(found, written))
+    else:
+        show_survey(console(), found, written)
+
+
+def check(logs: Logs, *, axis: AxisName = None, axes: Axes = None, json: Json = False) -> None:
+    """Check the logs and list their content and problems."""
+    planar = is_planar(axes, axis)
+    from rovid.present.console import show_caution
+    from rovid.trial.config import find_config, load_config, load_planar_config
+
+    if planar:
+        from rovid.preflight.planar_check import check_planar
+        from rovid.present.documents.planar import planar_check_document
+        from rovid.present.terminal.planar import show_planar_check
+        from rovid.store.planar_prior import planar_prior
+
+        config = load_planar_config(find_config(logs))
+        planar_prior(config)  # A wrong prior is refused before the fit.
+        coupled = check_planar(logs, config)
+        document, problems, usable = (
+            planar_check_document(coupled, config.vehicle),
+            coupled.problems,
+            len(coupled.trials),
+        )
+    else:
+        from rovid.preflight.check import check_logs
+        from rovid.present.documents.results import check_document
+        from rovid.present.terminal.check import show_check
+
+        announce_compilation()
+        config = load_config(find_config(logs), named_axis(axis))
+        checked = check_logs(logs, config)
+        document, problems, usable = check_document(checked, config.vehicle), checked.problems, len(checked.rows)
+    if json:
+        print_json(document)
+    else:
+        show_caution(console(), config.vehicle.assumptions)
+        if planar:
+            show_planar_check(console(), coupled)
+        else:
+            show_check(console(), checked)
+    if problems:
+        name, problem = next(iter(problems.items()))
+        bad = len(problems)
+        lead = f"{bad} of {bad + usable} logs cannot be used. " if name in problem else f"{name}: "
+        raise DataError(f"{lead}{problem}")
+
+
+def convert(
+    log: Annotated[Path, argument("LOG", "A log in any supported format; see rovid help logs.")],
+    *,
+    output: Annotated[Path, option("FILE", "The new file: .csv, .mcap or .parquet.", "--output", "-o")],
+    axis: AxisName = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Convert a log to another format."""
+    from rovid.readers.convert import convert as convert_log
+    from rovid.readers.convert import output_at
+    from rovid.trial.config import find_config, load_config
+
+    target = output_at(output, log)
+    config = load_config(find_config([log]), named_axis(axis))
+    outputs = reserve_outputs([target], [config.path.parent, log], force=force)
+    converted = convert_log(log, config, output)
+    outputs.write({target: converted.content})
+    remarks = [remark.text for remark in converted.trial.remarks]
+    if json:
+        document = {"schema": "rovid-convert/1", "file": str(output), "configuration": converted.mapping}
+        print_json(document | {"warnings": remarks})
+    else:
+        typer.echo(converted.mapping, nl=False)
+        sys.stderr.writelines(f"Note: {display_text(text, LINE_LENGTH)}\n" for text in remarks)
