@@ -253,7 +253,11 @@ def serve(
     ``budget``: Time in s that a diagnosis may take; None: the default of the logs.
     """
     root = RootFolder.for_logs(logs)
-    _end_like_ctrl_c()
+    # Let SIGTERM, and SIGHUP of a closed terminal, end the program as Ctrl-C does.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # nohup ignores SIGHUP.
+    if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     with session_folder() as session:
         handlers = _Handlers(root, logs, budget, session)
         guard = TokenGuard(app=handlers.app(), port=listener.getsockname()[1], report_keys=handlers.reports)
@@ -280,14 +284,6 @@ def serve(
             _ignore_further_signals()
             handlers.jobs.close()
             listener.close()
-
-
-def _end_like_ctrl_c() -> None:
-    """Let SIGTERM, and SIGHUP of a closed terminal, end the program as Ctrl-C does."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # nohup ignores SIGHUP.
-    if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
 
 
 def _ignore_further_signals() -> None:

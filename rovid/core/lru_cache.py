@@ -48,13 +48,10 @@ class SizedCache:
                 self._put(key, made)
                 fewest = 1 if self.evict_randomly else 0
                 while self._bytes > self.max_bytes and len(self._values) > fewest:
-                    self._pop(self._next_evicted())
+                    keys = list(self._values)
+                    # The latest key stands last.
+                    self._pop(keys[self._random.randrange(len(keys) - 1)] if self.evict_randomly else keys[0])
         return made
-
-    def _next_evicted(self) -> Hashable:
-        keys = list(self._values)
-        # The latest key stands last.
-        return keys[self._random.randrange(len(keys) - 1)] if self.evict_randomly else keys[0]
 
     def _pop(self, key: Hashable) -> Any:
         found = self._values.pop(key, None)

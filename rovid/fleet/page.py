@@ -73,6 +73,15 @@ def fleet_page(fleet: Fleet, means: Sequence[ShrunkParameter]) -> str:
         timeline_figure = PageFigure(svg=render_inline_svg(timeline(fleet), "timeline"), alt=alt)
     environment = template_environment("rovid.fleet")
     environment.globals["guess"] = Assumptions()
+    table = ResultTable(
+        "Outliers, the farthest first.",
+        *map(text_column, ("campaign", "vehicle", "parameter")),
+        *map(mixed_number_column, ("value", "median", "distance")),
+    )
+    for one in found:
+        value = f"{plus_minus(one.value.value, one.value.error)} {unit_symbol(one.value.unit)}".strip()
+        numbers = value, significant(one.median, 4), f"{one.distance:+.1f}"
+        table.add_row(one.campaign, one.vehicle, parameter_title(one.name), *numbers)
     return environment.get_template("fleet.html.j2").render(
         fleet=fleet,
         version=__version__,
@@ -87,7 +96,7 @@ def fleet_page(fleet: Fleet, means: Sequence[ShrunkParameter]) -> str:
         timeline=timeline_figure,
         histories=list(_histories(fleet, found, means)),
         causes=_cause_table(fleet),
-        outliers=_outlier_table(found),
+        outliers=table,
         means=_mean_table(fleet, means),
     )
 
@@ -190,19 +199,6 @@ def _cause_table(fleet: Fleet) -> ResultTable | None:
             cells |= dict.fromkeys(causes(record, "suspects"), SUSPECTED)
             cells |= dict.fromkeys(causes(record, "findings"), FOUND)
             table.add_row(vehicle, _link(record), *cells.values())
-    return table
-
-
-def _outlier_table(found: Sequence[Outlier]) -> ResultTable:
-    table = ResultTable(
-        "Outliers, the farthest first.",
-        *map(text_column, ("campaign", "vehicle", "parameter")),
-        *map(mixed_number_column, ("value", "median", "distance")),
-    )
-    for one in found:
-        value = f"{plus_minus(one.value.value, one.value.error)} {unit_symbol(one.value.unit)}".strip()
-        numbers = value, significant(one.median, 4), f"{one.distance:+.1f}"
-        table.add_row(one.campaign, one.vehicle, parameter_title(one.name), *numbers)
     return table
 
 

@@ -199,7 +199,11 @@ class FieldCollector:
             self.empty += 1
             self._values.append(float("nan"))
         else:
-            raise self._no_number(value, message)
+            found = repr(value) if isinstance(value, str | bytes) else f"a {type(value).__name__}"
+            wanted = "a number or a quaternion" if self.signal.name in ANGLES else "a number"
+            text = f"{self.source} ({self.signal.name}) is {found[:60]}; {wanted} was expected."
+            text += f" The message's fields: {listed_fields(message)}."
+            raise LogError(text, where=self.where, mend=f"Name one field for {self.signal.name} in rovid.toml.")
 
     def _find_quaternion(self, value: Any) -> bool:
         """Find the quaternion in ``value``, for all further messages."""
@@ -223,13 +227,6 @@ class FieldCollector:
         except (*ABSENT, ValueError):
             del self._values[count:]  # An incomplete quaternion left its first numbers.
             self._values.extend((float("nan"),) * 4)
-
-    def _no_number(self, value: Any, message: Any) -> LogError:
-        found = repr(value) if isinstance(value, str | bytes) else f"a {type(value).__name__}"
-        wanted = "a number or a quaternion" if self.signal.name in ANGLES else "a number"
-        text = f"{self.source} ({self.signal.name}) is {found[:60]}; {wanted} was expected."
-        text += f" The message's fields: {listed_fields(message)}."
-        return LogError(text, where=self.where, mend=f"Name one field for {self.signal.name} in rovid.toml.")
 
     @property
     def comes_and_goes(self) -> bool:

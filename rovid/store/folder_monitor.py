@@ -208,7 +208,11 @@ class FolderMonitor:
     def poll(self) -> FolderChange | None:
         """The change since `accept`; None if there is none."""
         try:
-            self._update_states(self._current_stamps())
+            # Stamps of all possible logs and of the settings.
+            if not self.path.is_dir():
+                raise FileNotFoundError
+            files = [file for file in list_files(self.path, _reraise).files if is_log(file)]
+            self._update_states(dict(stamps_of([*files, *config_files([self.path])])))
             snapshot = [(path, stamp, self._stability(path)) for path, (stamp, _) in self._states.items()]
             if snapshot != self._snapshot:
                 self._snapshot = snapshot
@@ -231,13 +235,6 @@ class FolderMonitor:
         """Return to the state before the last `accept`, which will be tried again."""
         self.logs, self._settings = self._previous
         self._snapshot = None
-
-    def _current_stamps(self) -> dict[Path, Stamp]:
-        """Stamps of all possible logs and of the settings."""
-        if not self.path.is_dir():
-            raise FileNotFoundError
-        files = [file for file in list_files(self.path, _reraise).files if is_log(file)]
-        return dict(stamps_of([*files, *config_files([self.path])]))
 
     def _update_states(self, stamps: Mapping[Path, Stamp]) -> None:
         now = self.clock()

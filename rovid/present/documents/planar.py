@@ -130,6 +130,7 @@ def planar_simulation_document(
         name: marked_value(guess, entry.value, entry.unit, entry.standard_error) | _sname(name)
         for name, entry in parameters.entries.items()
     }
+    units = {f"{sensor}_rmse": unit for sensor, unit in SENSOR_UNITS.items()}
     return {
         "schema": "rovid-simulation/1",
         **AXES_DOCUMENT,
@@ -139,7 +140,7 @@ def planar_simulation_document(
         "trials": list(map(_trial_document, simulations)),
         "overall": _measures(pooled_measures(simulations)),
         "manoeuvres": list(map(manoeuvre_document, manoeuvres)),
-        "units": _units(),
+        "units": (units | {"heading_error": "rad", "track_error": "m"}),
         **guess_document(guess),
         "warnings": all_warnings(guess, warnings),
     }
@@ -162,11 +163,6 @@ def _measures(fits: Mapping[str, object]) -> Document:
         for sensor, fit in fits.items()
         for measure in ("r2", "fit_percent", "rmse")
     }
-
-
-def _units() -> Document:
-    units = {f"{sensor}_rmse": unit for sensor, unit in SENSOR_UNITS.items()}
-    return units | {"heading_error": "rad", "track_error": "m"}
 
 
 def manoeuvre_document(one: RunManoeuvre) -> Document:

@@ -206,7 +206,10 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
     """The document of `rovid init --json`."""
     signals, commands, unused = {}, {}, {}
     for kind, mapping in survey.mappings.items():
-        signals[kind] = _guessed_signals(mapping)
+        signals[kind] = {
+            name: {"source": guess.source, "unit": guess.unit or None, "sign": guess.sign, "why": guess.reason}
+            for name, guess in mapping.signals.items()
+        }
         commands[kind] = _guessed_commands(mapping)
         unused[kind] = list(mapping.unused)
     return {
@@ -224,13 +227,6 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
         "open": [*survey.unrecognised, *(f"sense of {source}" for source in survey.unknown_directions)],
         **guess_document(assumptions_in(survey)),
         "warnings": list(survey.warnings),
-    }
-
-
-def _guessed_signals(mapping: ColumnMapping) -> Document:
-    return {
-        name: {"source": guess.source, "unit": guess.unit or None, "sign": guess.sign, "why": guess.reason}
-        for name, guess in mapping.signals.items()
     }
 
 

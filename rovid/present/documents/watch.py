@@ -32,7 +32,13 @@ def watch_start_document(folder: Path, until: Sequence[StopCriterion]) -> Docume
 def watch_documents(event: Event) -> list[Document]:
     """The documents of an event; a change of logs has a document for each log."""
     if isinstance(event, LogsChanged):
-        return [_line("log", document) for document in _log_documents(event)]
+        change = event.change
+        logs = {"removed": change.removed, "replaced": change.replaced, "added": change.added}
+        documents = [_log_document(action, log) for action, each in logs.items() for log in each]
+        documents += [_log_document("renamed", after) | {"before": before.name} for before, after in change.renamed]
+        if change.settings:
+            documents.append({"action": "settings", "name": "rovid.toml"})
+        return [_line("log", document) for document in documents]
     if isinstance(event, ModelFitted):
         return [_line("model", _model_document(event))]
     if isinstance(event, LogsDiagnosed):
@@ -54,16 +60,6 @@ def watch_documents(event: Event) -> list[Document]:
 def _line(kind: str, content: Document) -> Document:
     now = datetime.now().astimezone().isoformat(timespec="seconds")
     return {"schema": SCHEMA, "event": kind, "time": now, **content}
-
-
-def _log_documents(event: LogsChanged) -> list[Document]:
-    change = event.change
-    logs = {"removed": change.removed, "replaced": change.replaced, "added": change.added}
-    documents = [_log_document(action, log) for action, each in logs.items() for log in each]
-    documents += [_log_document("renamed", after) | {"before": before.name} for before, after in change.renamed]
-    if change.settings:
-        documents.append({"action": "settings", "name": "rovid.toml"})
-    return documents
 
 
 def _log_document(action: str, log: WatchedLog) -> Document:

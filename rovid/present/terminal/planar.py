@@ -228,7 +228,17 @@ def show_planar_check(console: Console, checked: PlanarCheck) -> None:
         print_text(console, f"{number}. {task}", len(f"{number}. "))
     console.print()
     if checked.sensors:
-        console.print(_sensors_table(checked))
+        titles = ("Hz", "readings", "noise", "gaps", "longest gap s")
+        columns = [*map(mixed_number_column, titles[:3]), text_column("unit"), *map(mixed_number_column, titles[3:])]
+        table = ResultTable("Sensors", text_column("sensor"), *columns)
+        for one in checked.sensors:
+            unit, factor = _unit(one.name)
+            noise = "unknown" if math.isnan(one.noise) else format_number(factor * one.noise, 2)
+            gap = format_number(one.longest_gap, 2) if one.gaps else "none"
+            table.add_row(
+                one.name.replace("_", " "), format_number(one.rate), str(one.readings), noise, unit, str(one.gaps), gap
+            )
+        console.print(table)
         console.print(_axes_table(checked))
     show_warnings(console, planar_notes(checked))
 
@@ -244,20 +254,6 @@ def planar_tasks(checked: PlanarCheck) -> Iterator[str]:
     yield from fault_texts(checked.faults)
     yield from merged_problems(checked.problems)
     yield from (advice.text for advice in checked.advice if advice.weight != "aside")
-
-
-def _sensors_table(checked: PlanarCheck) -> ResultTable:
-    titles = ("Hz", "readings", "noise", "gaps", "longest gap s")
-    columns = [*map(mixed_number_column, titles[:3]), text_column("unit"), *map(mixed_number_column, titles[3:])]
-    table = ResultTable("Sensors", text_column("sensor"), *columns)
-    for one in checked.sensors:
-        unit, factor = _unit(one.name)
-        noise = "unknown" if math.isnan(one.noise) else format_number(factor * one.noise, 2)
-        gap = format_number(one.longest_gap, 2) if one.gaps else "none"
-        table.add_row(
-            one.name.replace("_", " "), format_number(one.rate), str(one.readings), noise, unit, str(one.gaps), gap
-        )
-    return table
 
 
 def _unit(sensor: str) -> tuple[str, float]:
