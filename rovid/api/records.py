@@ -48,13 +48,13 @@ if TYPE_CHECKING:
 # Type of a result -> the document that its command prints with --json, and what it prints without.
 _PRINTED: Mapping[type, tuple[Callable[..., dict[str, Any]], Callable[..., None]]] = {
     LogCheck: (results.check_document, show_checks.show_check),
-    PlanarCheck: (planar.planar_check_document, show_planar.show_planar_check),
+    PlanarCheck: (planar.planar_check_document, show_checks.show_check),
     LikelihoodFit: (fits.fit_document, show_results.show_fit),
     PlanarFit: (planar.planar_fit_document, show_planar.show_planar_fit),
     Diagnosis: (diagnoses.diagnosis_document, show_diagnoses.show_study_diagnosis),
     PlanarDiagnosis: (planar.planar_diagnosis_document, show_planar.show_planar_diagnosis),
     VerifiedExport: (results.export_document, show_results.show_export),
-    VerifiedPlanarExport: (planar.planar_export_document, show_planar.show_planar_export),
+    VerifiedPlanarExport: (results.export_document, show_planar.show_planar_export),
 }
 _CAUSE_KEYS = ["effect", "evidence", "confidence", "log_likelihood_gain", "held_out_log_likelihood_gain"]
 

@@ -24,7 +24,6 @@ from rovid.preflight.planar_check import PlanarCheck, check_planar
 from rovid.preflight.raw_columns import RawColumn
 from rovid.present.documents.results import check_document, survey_document
 from rovid.present.terminal.check import VERDICTS, check_notes, check_tasks
-from rovid.present.terminal.planar import planar_notes, planar_tasks
 from rovid.readers.formats import READERS
 from rovid.trial.axis import PLANAR, SIGNAL_UNITS, YAW, parameter_file_name
 from rovid.trial.config import FILE_NAME, load_config, load_planar_config
@@ -273,10 +272,10 @@ def _check(paths: Sequence[Path], config: Path, place: Path, *, planar: bool) ->
         "caution": loaded.vehicle.assumptions.caution,
         "spots": [_spot(fault, fault.excerpt) for fault in checked.faults if fault.excerpt][:_SPOTS],
     }
+    answer |= {"tasks": list(check_tasks(checked)), "notes": check_notes(checked)}
     if isinstance(checked, PlanarCheck):
-        return answer | {"tasks": list(planar_tasks(checked)), "notes": planar_notes(checked)}
-    document = check_document(checked, loaded.vehicle)
-    return answer | {"tasks": list(check_tasks(checked)), "notes": check_notes(checked), "document": document}
+        return answer
+    return answer | {"document": check_document(checked, loaded.vehicle)}
 
 
 def _spot(fault: Fault, excerpt: Excerpt) -> Document:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from rovid.cli import completion
 from rovid.cli.context import (
@@ -51,13 +51,12 @@ def export(
     add_effects(effects_from)
     planar = is_planar(axes, None)
     from rovid.present.console import show_caution
+    from rovid.present.documents.results import export_document
 
-    document: Callable[..., dict[str, Any]]
     show: Callable[..., None]
     if planar:
         from rovid.export.planar_input import planar_input
         from rovid.export.run_export import select_planar_exporter, verified_planar_export
-        from rovid.present.documents.planar import planar_export_document as document
         from rovid.present.terminal.planar import show_planar_export as show
 
         planar_exporter, target = select_planar_exporter(format, output)
@@ -65,7 +64,6 @@ def export(
     else:
         from rovid.export.interface import export_input
         from rovid.export.run_export import select_exporter, verified_export
-        from rovid.present.documents.results import export_document as document
         from rovid.present.terminal.results import show_export as show
 
         exporter, target = select_exporter(format, output)
@@ -91,7 +89,7 @@ def export(
     exported = replace(exported, warnings=(*exported.warnings, *remarks))
     outputs.write({target: exported.content})
     if json:
-        print_json(document(format, str(target.path), exported, assumptions))
+        print_json(export_document(format, str(target.path), exported, assumptions))
     else:
         show_caution(console(), assumptions)
         show(console(), target.path, exported)

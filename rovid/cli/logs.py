@@ -60,39 +60,32 @@ def check(logs: Logs, *, axis: AxisName = None, axes: Axes = None, json: Json = 
     """Check the logs and list their content and problems."""
     planar = is_planar(axes, axis)
     from rovid.present.console import show_caution
+    from rovid.present.terminal.check import show_check
     from rovid.trial.config import find_config, load_config, load_planar_config
 
     if planar:
         from rovid.preflight.planar_check import check_planar
         from rovid.present.documents.planar import planar_check_document
-        from rovid.present.terminal.planar import show_planar_check
         from rovid.store.planar_prior import planar_prior
 
         config = load_planar_config(find_config(logs))
         planar_prior(config)  # A wrong prior is refused before the fit.
         coupled = check_planar(logs, config)
-        document, problems, usable = (
-            planar_check_document(coupled, config.vehicle),
-            coupled.problems,
-            len(coupled.trials),
-        )
+        document, usable = planar_check_document(coupled, config.vehicle), len(coupled.trials)
     else:
         from rovid.preflight.check import check_logs
         from rovid.present.documents.results import check_document
-        from rovid.present.terminal.check import show_check
 
         announce_compilation()
         config = load_config(find_config(logs), named_axis(axis))
         checked = check_logs(logs, config)
-        document, problems, usable = check_document(checked, config.vehicle), checked.problems, len(checked.rows)
+        document, usable = check_document(checked, config.vehicle), len(checked.rows)
+    problems = coupled.problems if planar else checked.problems
     if json:
         print_json(document)
     else:
         show_caution(console(), config.vehicle.assumptions)
-        if planar:
-            show_planar_check(console(), coupled)
-        else:
-            show_check(console(), checked)
+        show_check(console(), coupled if planar else checked)
     if problems:
         name, problem = next(iter(problems.items()))
         bad = len(problems)

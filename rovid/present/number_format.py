@@ -159,3 +159,8 @@ def _is_number(text: str) -> bool:
 
 def _decimals(text: str) -> int:
     return len(text.partition(".")[2])
+
+
+def sensor_words(sensor: str) -> str:
+    """Name of a sensor of the coupled model in text for people."""
+    return sensor.replace("_velocity", "").replace("_", " ")

@@ -24,9 +24,9 @@ from rovid.present.documents.fits import (
     Document,
     all_warnings,
     axis_document,
-    fault_documents,
     fields,
     guess_document,
+    notes_document,
     parameter_document,
     position_errors,
     simulation_units,
@@ -37,7 +37,7 @@ from rovid.present.tables.diagnosis import inertia_ratios
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
-from rovid.trial.fault import Fault, fault_texts
+from rovid.trial.fault import Fault
 
 
 def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
@@ -76,12 +76,8 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         document["tables"] = _table_diagnosis(diagnosis.from_tables)
     if coupled := coupled_causes(diagnosis, study.campaign.trials if study.campaign else ()):
         document["coupled_causes"] = list(coupled)
-    faults = all_faults(diagnosis, study)
-    document["faults"] = fault_documents(faults)
-    document["warnings"] = all_warnings(
-        study.vehicle.assumptions, [*fault_texts(faults), *study.remarks(), *diagnosis.warnings]
-    )
-    return document
+    warnings = [*study.remarks(), *diagnosis.warnings]
+    return document | notes_document(study.vehicle.assumptions, all_faults(diagnosis, study), warnings)
 
 
 def all_faults(diagnosis: Diagnosis, study: Study) -> list[Fault]:

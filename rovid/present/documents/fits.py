@@ -15,6 +15,7 @@ from rovid.estimate.steady_points import SteadyPoint
 from rovid.estimate.thrust_curve import ThrustCurveFit, ThrustScale
 from rovid.model.parameter_names import effect_ids
 from rovid.model.simulation import HORIZONS
+from rovid.planar.model import SNAME
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
@@ -22,6 +23,13 @@ from rovid.trial.fault import Fault, fault_texts
 from rovid.trial.preprocessing import PreparedRuns
 
 Document = dict[str, Any]
+# Parameters of effects that are SNAME (1950) derivatives: the parameter is the negative of the derivative.
+_EFFECT_SNAMES = {
+    "sway_yaw_damping.yaw_by_sway": "N_v",
+    "sway_yaw_damping.sway_by_yaw": "Y_r",
+    "sway_yaw_damping:lift.yaw_by_sway": "N_uv",
+    "sway_yaw_damping:lift.sway_by_yaw": "Y_ur",
+}
 
 
 def value_document(value: float | None, unit: str, error: float | None = None) -> Document:
@@ -56,6 +64,17 @@ def parameter_document(estimate: Estimate) -> Document:
     return document
 
 
+def derivative_name(name: str) -> str:
+    """The SNAME derivative of a parameter; empty where it has none."""
+    return SNAME.get(name) or _EFFECT_SNAMES.get(name, "")
+
+
+def sname_document(name: str) -> Document:
+    """The SNAME derivative of a parameter; empty where it has none."""
+    derivative = derivative_name(name)
+    return {"sname": derivative} if derivative else {}
+
+
 def guess_document(guess: Assumptions) -> Document:
     """Properties of the vehicle that are guesses, by name."""
     return {"guessed": list(guess.items)}
@@ -86,26 +105,36 @@ def simulation_units(axis: Axis) -> Document:
 
 def fit_document(fit: DragFit | InertiaFit | LikelihoodFit, study: Study) -> Document:
     """The document of `rovid fit-drag`, `rovid fit-inertia` or `rovid fit` with --json."""
-    estimate, guess = fit.estimate, fit.estimate.assumptions
-    ratios = estimate.ratios if guess.ratios_hold else ()
-    document = {
-        "schema": "rovid-fit/1",
-        "parameters": parameter_document(estimate),
-        "effects": effect_ids(estimate.names),
+    estimate = fit.estimate
+    ratios = estimate.ratios if estimate.assumptions.ratios_hold else ()
+    document = shared_fit_document(estimate, study) | {
         "log_likelihood": None,
-        "samples": estimate.samples,
-        "method": estimate.method,
         "not_identifiable": [*["thrust_scale"] * (not study.vehicle.thrust_scale_error), *estimate.refused],
         **axis_document(estimate.axis),
         "filter": None if study.runs is None else _filter_document(study.runs),
-        **guess_document(guess),
         "ratios": {ratio.name: value_document(ratio.value, ratio.unit, ratio.standard_error) for ratio in ratios},
-        "faults": fault_documents(study.faults),
-        "warnings": all_warnings(guess, [*fault_texts(study.faults), *study.remarks(), *estimate.warnings]),
     }
     if isinstance(fit, DragFit):
         return document | _drag(fit)
     return document | (_inertia(fit) if isinstance(fit, InertiaFit) else _likelihood(fit, study))
+
+
+def shared_fit_document(estimate: Estimate, logs: Study) -> Document:
+    """The part that the documents of all fits share."""
+    return {
+        "schema": "rovid-fit/1",
+        "parameters": parameter_document(estimate),
+        "effects": effect_ids(estimate.names),
+        "samples": estimate.samples,
+        "method": estimate.method,
+        **guess_document(estimate.assumptions),
+        **notes_document(estimate.assumptions, logs.faults, [*logs.remarks(), *estimate.warnings]),
+    }
+
+
+def notes_document(guess: Assumptions, faults: Sequence[Fault], warnings: Sequence[str]) -> Document:
+    """Faults of the logs, and all warnings."""
+    return {"faults": fault_documents(faults), "warnings": all_warnings(guess, [*fault_texts(faults), *warnings])}
 
 
 def fault_documents(faults: Sequence[Fault]) -> list[Document]:

@@ -1,20 +1,19 @@
-"""Fit, check, diagnosis and export of the coupled model as JSON."""
+"""Fit, check, simulation, diagnosis and comparison by the coupled model as JSON."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from rovid.compare.planar import PlanarChange, PlanarComparison
 from rovid.diagnose.result import first_experiment
 from rovid.estimate.estimate import Estimate
-from rovid.export.run_export import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
-from rovid.model.parameter_names import effect_ids, unit_of, without_form
+from rovid.model.parameter_names import unit_of, without_form
 from rovid.planar.coordinates import Undetermined
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
 from rovid.planar.manoeuvres import Measures
-from rovid.planar.model import SNAME
 from rovid.planar.standard_manoeuvres import RunManoeuvre, model_manoeuvres
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
 from rovid.preflight.check import remark_document
@@ -23,45 +22,27 @@ from rovid.present.documents.diagnosis import conclusion_document
 from rovid.present.documents.fits import (
     Document,
     all_warnings,
-    fault_documents,
     fields,
     guess_document,
-    marked_value,
+    notes_document,
     parameter_document,
+    shared_fit_document,
+    sname_document,
     value_document,
 )
-from rovid.present.documents.results import plan_document, stability_document
+from rovid.present.documents.results import plan_document, shared_check_document, shared_simulation_document
 from rovid.store.parameter_file import OpenCombination, Parameters
 from rovid.store.planar_study import PlanarStudy, open_combinations
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import PLANAR
-from rovid.trial.fault import fault_texts
 from rovid.trial.vehicle import Vehicle
 
 AXES_DOCUMENT = {"axes": "planar"}
-# Parameters of effects that are SNAME (1950) derivatives: the parameter is the negative of the derivative.
-_EFFECT_SNAMES = {
-    "sway_yaw_damping.yaw_by_sway": "N_v",
-    "sway_yaw_damping.sway_by_yaw": "Y_r",
-    "sway_yaw_damping:lift.yaw_by_sway": "N_uv",
-    "sway_yaw_damping:lift.sway_by_yaw": "Y_ur",
-}
-
-
-def derivative_name(name: str) -> str:
-    """The SNAME derivative of a parameter; empty where it has none."""
-    return SNAME.get(name) or _EFFECT_SNAMES.get(name, "")
 
 
 def planar_parameters(estimate: Estimate) -> Document:
     """Each determined parameter with value, standard error, unit, 95 % interval and SNAME derivative."""
     document = parameter_document(estimate)
-    return {name: entry | _sname(name) for name, entry in document.items()}
-
-
-def _sname(name: str) -> Document:
-    derivative = derivative_name(name)
-    return {"sname": derivative} if derivative else {}
+    return {name: entry | sname_document(name) for name, entry in document.items()}
 
 
 def undetermined_document(combinations: Sequence[OpenCombination | Undetermined]) -> list[Document]:
@@ -83,18 +64,12 @@ def _prior_document(fit: PlanarFit) -> Document:
 def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
     """The document of `rovid fit --axes planar --json`."""
     estimate = fit.estimate
-    guess = estimate.assumptions
-    faults = study.logs.faults
-    return {
-        "schema": "rovid-fit/1",
+    return shared_fit_document(estimate, study.logs) | {
         **AXES_DOCUMENT,
         "parameters": planar_parameters(estimate),
         "undetermined": undetermined_document(open_combinations(fit)),
         **_prior_document(fit),
-        "effects": effect_ids(estimate.names),
         "log_likelihood": fit.log_likelihood,
-        "samples": estimate.samples,
-        "method": estimate.method,
         "not_identifiable": ["thrust_scale", *estimate.refused],
         "noise": {sensor: value_document(size, SENSOR_UNITS[sensor]) for sensor, size in fit.noise.items()},
         "disturbance": {axis: _disturbance(fit, axis) for axis in fit.disturbance},
@@ -103,9 +78,6 @@ def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
         "criterion": "multi_step" if fit.multi_step else "innovations",
         "free_run_r2": dict(fit.free_run_r2),
         "standard_manoeuvres": measures_document(model_manoeuvres(fit, study.data)),
-        **guess_document(guess),
-        "faults": fault_documents(faults),
-        "warnings": all_warnings(guess, [*fault_texts(faults), *study.remarks(), *fit.warnings]),
     }
 
 
@@ -126,23 +98,17 @@ def planar_simulation_document(
     manoeuvres: Sequence[RunManoeuvre] = (),
 ) -> Document:
     """The document of `rovid simulate --axes planar --json`; angles in rad, distances in m."""
-    entries = {
-        name: marked_value(guess, entry.value, entry.unit, entry.standard_error) | _sname(name)
-        for name, entry in parameters.entries.items()
-    }
-    units = {f"{sensor}_rmse": unit for sensor, unit in SENSOR_UNITS.items()}
-    return {
-        "schema": "rovid-simulation/1",
+    return shared_simulation_document(parameters, warnings, guess) | {
         **AXES_DOCUMENT,
-        "parameters": entries,
         "undetermined": undetermined_document(parameters.undetermined),
-        "effects": parameters.effects,
         "trials": list(map(_trial_document, simulations)),
         "overall": _measures(pooled_measures(simulations)),
         "manoeuvres": list(map(manoeuvre_document, manoeuvres)),
-        "units": (units | {"heading_error": "rad", "track_error": "m"}),
-        **guess_document(guess),
-        "warnings": all_warnings(guess, warnings),
+        "units": {
+            **{f"{sensor}_rmse": unit for sensor, unit in SENSOR_UNITS.items()},
+            "heading_error": "rad",
+            "track_error": "m",
+        },
     }
 
 
@@ -194,7 +160,7 @@ def planar_plan_document(plan: PlanarPlan, vehicle: Vehicle, command_file: str, 
 
 def planar_diagnosis_document(diagnosis: PlanarDiagnosis, study: PlanarStudy) -> Document:
     """The document of `rovid diagnose --axes planar --json`; angles in rad."""
-    guess, faults = study.vehicle.assumptions, study.logs.faults
+    guess = study.vehicle.assumptions
     final = diagnosis.extended or diagnosis.base
     return {
         "schema": "rovid-diagnosis/1",
@@ -209,8 +175,7 @@ def planar_diagnosis_document(diagnosis: PlanarDiagnosis, study: PlanarStudy) ->
         "not_identifiable": ["thrust_scale", *(() if final is None else final.fit.estimate.refused)],
         "next_experiment": next_planar_experiment(diagnosis) | {"needed": not diagnosis.is_settled},
         **guess_document(guess),
-        "faults": fault_documents(faults),
-        "warnings": all_warnings(guess, [*fault_texts(faults), *study.remarks(), *diagnosis.warnings]),
+        **notes_document(guess, study.logs.faults, [*study.remarks(), *diagnosis.warnings]),
     }
 
 
@@ -283,13 +248,10 @@ def _pair(before: float, after: float | None, unit: str, floor: float | None) ->
     return {"base": before, "extended": after, "noise_floor": floor, "unit": unit}
 
 
-def planar_check_document(checked: PlanarCheck, vehicle: Vehicle) -> dict[str, Any]:
-    """The document; SI and radians, null where unknown."""
-    return {
-        "schema": "rovid-check/1",
-        "axes": PLANAR.name,
-        **guess_document(vehicle.assumptions),
-        "verdict": checked.verdict,
+def planar_check_document(checked: PlanarCheck, vehicle: Vehicle) -> Document:
+    """The document of `rovid check --axes planar --json`; SI and radians, null where unknown."""
+    return shared_check_document(checked, vehicle) | {
+        **AXES_DOCUMENT,
         "logs": [
             {
                 "name": trial.name,
@@ -302,10 +264,6 @@ def planar_check_document(checked: PlanarCheck, vehicle: Vehicle) -> dict[str, A
         "sensors": [_known(vars(sensor)) for sensor in checked.sensors],
         "degrees_of_freedom": [_known(vars(axis)) for axis in checked.axes],
         "latencies": [_known(vars(lag)) for lag in checked.lags],
-        "unreadable": [{"name": name, "problem": problem} for name, problem in checked.problems.items()],
-        "faults": fault_documents(checked.faults),
-        "remarks": list(map(remark_document, checked.remarks)),
-        "advice": list(map(vars, checked.advice)),
     }
 
 
@@ -313,28 +271,32 @@ def _known(values: dict[str, Any]) -> dict[str, Any]:
     return {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
 
 
-def planar_export_document(name: str, file: str, made: VerifiedPlanarExport, guess: Assumptions) -> Document:
-    """The document of `rovid export --axes planar --json`; percentages are of each velocity's range."""
+def planar_comparison_document(comparison: PlanarComparison, warnings: Sequence[str]) -> Document:
+    """The document of `rovid compare --axes planar --json`."""
+    guess = comparison.assumptions
     return {
-        "schema": "rovid-export/1",
-        "axes": "planar",
-        "format": name,
-        "file": file,
-        "mismatch": _mismatch(made.mismatch),
-        "mismatch_of_what_is_held": _mismatch(made.kept_mismatch),
-        "not_held": [
-            {
-                **fields(loss, "what", "why"),
-                **{f"{key}_percent_of_range": value for key, value in loss.percent_of_range.items()},
+        "schema": "rovid-comparison/1",
+        **AXES_DOCUMENT,
+        "verdict": comparison.verdict,
+        "campaigns": {"a": comparison.a.name, "b": comparison.b.name},
+        "parameters": {change.name: _change_document(change) for change in comparison.changes},
+        "changed": comparison.changed,
+        "causes": {"a": comparison.a.parameters.effects, "b": comparison.b.parameters.effects},
+        "prediction": {
+            f"{model}_on_{runs}": {
+                f"{speed}_{measure}": getattr(fit, measure) for speed, fit in fits.items() for measure in ("r2", "rmse")
             }
-            for loss in made.losses
-        ],
-        "stability": stability_document(made.stability, VELOCITIES),
+            for (model, runs), fits in comparison.predictions.items()
+        },
+        "smallest_seen": dict(comparison.detectable),
+        "not_identifiable": ["thrust_scale"],
         **guess_document(guess),
-        "warnings": all_warnings(guess, made.warnings),
+        "warnings": all_warnings(guess, warnings),
     }
 
 
-def _mismatch(mismatch: PlanarMismatch) -> Document:
-    percents = {f"{name}_percent_of_range": value for name, value in mismatch.percent_of_range.items()}
-    return {**percents, "rms": dict(mismatch.rms), "unit": dict(VELOCITIES)}
+def _change_document(change: PlanarChange) -> Document:
+    entries = {"a": change.a, "b": change.b}
+    sides = {side: value_document(one.value, one.unit, one.standard_error) for side, one in entries.items()}
+    document = {**sides, "ratio": change.ratio, "standard_error": change.standard_error}
+    return document | {"confidence": change.confidence} | sname_document(change.name)

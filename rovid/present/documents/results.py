@@ -1,7 +1,7 @@
 """Simulations, plans, controllers, exports, surveys, checks and trials of effects as JSON."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,14 @@ from rovid.diagnose.formulas.discovery import Discovery, Formula, units_of
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.estimate.isolability import IsolabilityMatrix
 from rovid.export.resimulation import Mismatch
-from rovid.export.run_export import VerifiedExport
+from rovid.export.run_export import (
+    VELOCITIES,
+    ExportLoss,
+    PlanarLoss,
+    PlanarMismatch,
+    VerifiedExport,
+    VerifiedPlanarExport,
+)
 from rovid.export.stability import Stability
 from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
 from rovid.preflight.check import LogCheck, remark_document
@@ -21,6 +28,7 @@ from rovid.preflight.clock_alignment import ClockOffset
 from rovid.preflight.command_effects import ThrusterCheck
 from rovid.preflight.config_writer import assumptions_in
 from rovid.preflight.log_survey import LogSurvey
+from rovid.preflight.planar_check import PlanarCheck
 from rovid.preflight.signal_guess import ColumnMapping
 from rovid.present.documents.fits import (
     Document,
@@ -32,10 +40,11 @@ from rovid.present.documents.fits import (
     marked_value,
     position_errors,
     simulation_units,
+    sname_document,
 )
 from rovid.store.parameter_file import Parameters
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import Axis
+from rovid.trial.axis import PLANAR, Axis
 from rovid.trial.vehicle import Vehicle
 
 _CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "crossover": "rad/s", "effort": "N m"}
@@ -46,10 +55,6 @@ def simulation_document(
 ) -> Document:
     """The document of `rovid simulate --json`; position errors in rad or m."""
     axis = parameters.axis
-    entries = {
-        name: marked_value(guess, entry.value, entry.unit, entry.standard_error)
-        for name, entry in parameters.entries.items()
-    }
     trials = [
         {
             "name": item.run.trial.name,
@@ -59,14 +64,24 @@ def simulation_document(
         }
         for item in simulations
     ]
-    return {
-        "schema": "rovid-simulation/1",
+    return shared_simulation_document(parameters, warnings, guess) | {
         **axis_document(axis),
-        "parameters": entries,
-        "effects": parameters.effects,
         "trials": trials,
         "overall": _fit_measures(pooled_fit(simulations), axis),
         "units": simulation_units(axis),
+    }
+
+
+def shared_simulation_document(parameters: Parameters, warnings: Sequence[str], guess: Assumptions) -> Document:
+    """The part that the documents of all simulations share."""
+    entries = {
+        name: marked_value(guess, entry.value, entry.unit, entry.standard_error) | sname_document(name)
+        for name, entry in parameters.entries.items()
+    }
+    return {
+        "schema": "rovid-simulation/1",
+        "parameters": entries,
+        "effects": parameters.effects,
         **guess_document(guess),
         "warnings": all_warnings(guess, warnings),
     }
@@ -172,23 +187,26 @@ def _closed_run(run: ClosedLoopResult) -> Document:
     return fields(run, "name", "effects", "model_aid", "effects_known") | asdict(run.metrics)
 
 
-def export_document(name: str, file: str, made: VerifiedExport, guess: Assumptions) -> Document:
-    """The document of `rovid export --json`; percentages are of the range of the yaw rate in the manoeuvre."""
-    return {
+def export_document(name: str, file: str, made: VerifiedExport | VerifiedPlanarExport, guess: Assumptions) -> Document:
+    """The document of `rovid export --json`; percentages are of the range of a velocity in the manoeuvre."""
+    velocities = VELOCITIES if isinstance(made, VerifiedPlanarExport) else {"yaw_rate": "rad/s"}
+    document: Document = {
         "schema": "rovid-export/1",
         "format": name,
         "file": file,
         "mismatch": _mismatch(made.mismatch),
         "mismatch_of_what_is_held": _mismatch(made.kept_mismatch),
-        "not_held": [fields(loss, "what", "why", yaw_rate_percent_of_range="percent_of_range") for loss in made.losses],
-        "stability": stability_document(made.stability, ("yaw_rate",)),
-        "trim": [one._asdict() for one in made.trim],
+        "not_held": [fields(loss, "what", "why") | _percentages(loss) for loss in made.losses],
+        "stability": _stability_document(made.stability, velocities),
         **guess_document(guess),
         "warnings": all_warnings(guess, made.warnings),
     }
+    if isinstance(made, VerifiedPlanarExport):
+        return document | {"axes": PLANAR.name}
+    return document | {"trim": [one._asdict() for one in made.trim]}
 
 
-def stability_document(verdict: Stability, velocities: Collection[str]) -> Document:
+def _stability_document(verdict: Stability, velocities: Collection[str]) -> Document:
     """The verdict on an exported model; its largest speeds by the names of the last ``velocities``."""
     return {
         **fields(verdict, "stable", "step", "largest_stable_step"),
@@ -198,8 +216,17 @@ def stability_document(verdict: Stability, velocities: Collection[str]) -> Docum
     }
 
 
-def _mismatch(mismatch: Mismatch) -> Document:
-    return fields(mismatch, "rms", yaw_rate_percent_of_range="percent_of_range") | {"unit": "rad/s"}
+def _mismatch(mismatch: Mismatch | PlanarMismatch) -> Document:
+    if isinstance(mismatch, Mismatch):
+        return {"rms": mismatch.rms, **_percentages(mismatch), "unit": "rad/s"}
+    return {**_percentages(mismatch), "rms": dict(mismatch.rms), "unit": dict(VELOCITIES)}
+
+
+def _percentages(difference: Mismatch | PlanarMismatch | ExportLoss | PlanarLoss) -> Document:
+    percent = difference.percent_of_range
+    if not isinstance(percent, Mapping):
+        percent = {"yaw_rate": percent}
+    return {f"{name}_percent_of_range": value for name, value in percent.items()}
 
 
 def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
@@ -241,19 +268,25 @@ def _guessed_commands(mapping: ColumnMapping) -> list[Document]:
 
 def check_document(checked: LogCheck, vehicle: Vehicle) -> Document:
     """The document of `rovid check --json`; positions in rad or m."""
+    return shared_check_document(checked, vehicle) | {
+        **axis_document(vehicle.axis),
+        "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
+        "feedback": list(map(vars, checked.feedback)),
+        "clocks": list(map(_clock_document, checked.clocks.offsets)),
+        "thrusters": list(map(_thruster_document, checked.thrusters)),
+    }
+
+
+def shared_check_document(checked: LogCheck | PlanarCheck, vehicle: Vehicle) -> Document:
+    """The part that the documents of all checks share."""
     return {
         "schema": "rovid-check/1",
-        **axis_document(vehicle.axis),
         **guess_document(vehicle.assumptions),
         "verdict": checked.verdict,
-        "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
         "unreadable": [{"name": name, "problem": problem} for name, problem in checked.problems.items()],
         "faults": fault_documents(checked.faults),
         "remarks": list(map(remark_document, checked.remarks)),
         "advice": list(map(vars, checked.advice)),
-        "feedback": list(map(vars, checked.feedback)),
-        "clocks": list(map(_clock_document, checked.clocks.offsets)),
-        "thrusters": list(map(_thruster_document, checked.thrusters)),
     }
 
 

@@ -42,13 +42,9 @@ from rovid.present.sentences import (
     plan_command,
     verdict_sentence,
 )
-from rovid.present.tables.planar import (
-    model_manoeuvre_tables,
-    planar_parameters_table,
-    planar_simulation_table,
-    run_manoeuvre_tables,
-)
+from rovid.present.tables.fits import planar_parameters_table
 from rovid.present.tables.table import ResultTable
+from rovid.present.tables.trials import model_manoeuvre_tables, planar_simulation_table, run_manoeuvre_tables
 from rovid.present.terminal.planar import (
     criterion_sentence,
     fit_sentence,

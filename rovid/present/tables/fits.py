@@ -14,6 +14,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import METHODS, InertiaFit
 from rovid.estimate.steady_drag import DragFit
 from rovid.model.parameter_names import base_names, unit_of
+from rovid.present.documents.fits import derivative_name
 from rovid.present.number_format import (
     DASH,
     equal_decimals,
@@ -30,6 +31,8 @@ from rovid.present.tables.table import Column, ResultTable, mixed_number_column,
 from rovid.store.checks import effect_titles, relative_deviation
 from rovid.store.parameter_file import Entry, Parameters
 
+# In place of the interval of a parameter that the logs do not decide.
+FROM_PRIOR = "from the prior"
 # Standard errors to either end of a two-sided 95 % interval of the normal distribution.
 _NORMAL_95 = 1.959964
 _METHOD_TITLES = {"peak": "peak method", "orbit_integral": "orbit integral", "harmonic_balance": "harmonic balance"}
@@ -39,23 +42,50 @@ _TIMES = "from–to, s"
 _SHADES = (0.5, 0.8, 0.95)
 
 
-def estimate_table(estimate: Estimate) -> ResultTable:
-    """Parameters by the names that options and files use, with their 95 % intervals."""
-    columns = text_column("parameter"), mixed_number_column("value ± standard error"), mixed_number_column("unit")
-    table = ResultTable("", *columns, mixed_number_column("95 % interval"))
+def estimate_table(estimate: Estimate, *, coupled: bool = False) -> ResultTable:
+    """Parameters by the names that options and files use, with 95 % intervals; SNAME symbols in the coupled model."""
+    table = _stored_table("", coupled=coupled)
     for name in estimate.names:
+        unit, symbol = estimate.unit(name), list[str]()
+        if coupled:
+            unit, symbol = unit_symbol(unit), [derivative_name(name) or DASH]
         if name in estimate.refused:
-            table.add_row(name, "not determined", estimate.unit(name), DASH)
+            table.add_row(name, "not determined", unit, DASH, *symbol)
             continue
-        error = estimate.standard_error(name)
-        row = name, plus_minus(estimate.value(name), error), estimate.unit(name)
+        value, error = estimate.value(name), estimate.standard_error(name)
         if estimate.is_placeholder(name):
-            table.add_row(*row, "guessed", style="red")
+            table.add_row(name, plus_minus(value, error), unit, "guessed", *symbol, style="red")
             continue
-        low, high = (round_to_error(end, error) for end in estimate.interval(name))
-        table.add_row(*row, f"{low} … {high}" if math.isfinite(error) else DASH)
+        interval = _rounded_interval(estimate.interval(name), error)
+        interval = FROM_PRIOR if name in estimate.from_prior else interval
+        table.add_row(name, plus_minus(value, error), unit, interval, *symbol)
     for ratio in valid_ratios(estimate):
         table.add_row(ratio.symbols, plus_minus(ratio.value, ratio.standard_error), ratio.unit)
+    return table
+
+
+def _stored_table(caption: str, *, coupled: bool) -> ResultTable:
+    values = number_column("value ± standard error") if coupled else mixed_number_column("value ± standard error")
+    columns = [text_column("parameter"), values, *map(mixed_number_column, ("unit", "95 % interval"))]
+    if coupled:
+        columns.append(mixed_number_column("SNAME"))
+    return ResultTable(caption, *columns)
+
+
+def _rounded_interval(interval: tuple[float, float], error: float) -> str:
+    """An interval with the decimals of its standard error; a dash where that is not known."""
+    return " … ".join(round_to_error(end, error) for end in interval) if math.isfinite(error) else DASH
+
+
+def planar_parameters_table(stored: Parameters) -> ResultTable:
+    """Parameters of a file of the coupled model, and those that its logs do not determine."""
+    table = _stored_table("Parameters", coupled=True)
+    for name, entry in stored.entries.items():
+        value, error, symbol = entry.value, entry.standard_error, derivative_name(name) or DASH
+        interval = FROM_PRIOR if entry.from_prior else _rounded_interval(_normal_interval(value, error), error)
+        table.add_row(parameter_title(name), plus_minus(value, error), unit_symbol(entry.unit), interval, symbol)
+    for name in stored.assumed:
+        table.add_row(parameter_title(name), "not determined", "", DASH, derivative_name(name) or DASH)
     return table
 
 

@@ -1,16 +1,34 @@
-"""Tables of trials, thrusters and log files."""
+"""Tables of trials, simulations, manoeuvres, thrusters and log files."""
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from rovid.core.formatting import plus_minus
 from rovid.model.simulation import HORIZONS, FitMeasures, TrialSimulation, pooled_fit
-from rovid.present.number_format import DASH, arm_words, equal_decimals, format_number, steady_state_words
+from rovid.planar.manoeuvres import ManoeuvreMeasure, Measures
+from rovid.planar.standard_manoeuvres import RunManoeuvre
+from rovid.planar.trial_simulation import SENSOR_UNITS, SPEEDS, PlanarTrialSimulation, pooled_measures
+from rovid.present.number_format import (
+    DASH,
+    arm_words,
+    equal_decimals,
+    format_number,
+    sensor_words,
+    steady_state_words,
+    unit_symbol,
+)
 from rovid.present.report_data import ReportData
 from rovid.present.tables.table import Column, ResultTable, mixed_number_column, number_column, text_column
 from rovid.store.parameter_file import sha256
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
+
+# Units that are shown in degrees.
+_ANGLES = ("rad", "rad/s")
+_TITLES = {"turning_circle": "Turning circles in the logs", "zigzag": "Zigzags in the logs"}
+_MODEL_TITLES = {"circle": "Predicted turning circles", "zigzag": "Predicted zigzags"}
 
 
 def thrusters_table(vehicle: Vehicle) -> ResultTable:
@@ -140,3 +158,102 @@ def sources_table(report: ReportData) -> ResultTable | None:
     if len(set(uses.values())) == 1:
         return table.without("used for")
     return table
+
+
+# --- the coupled model -----------------------------------------------------------------------------------------------
+
+
+def planar_simulation_table(simulations: Sequence[PlanarTrialSimulation]) -> ResultTable:
+    """How well the free-running simulation follows each trial, and all trials together."""
+    # The yaw rate follows from the heading.
+    sensors = [name for name in SPEEDS if any(name in item.fits for item in simulations)]
+    has_track = any(math.isfinite(item.track_rms) for item in simulations)
+    minute = HORIZONS[-1]
+    columns = [mixed_number_column(f"R² {sensor_words(name)}") for name in sensors]
+    columns += [mixed_number_column(f"heading after {seconds:.0f} s,", "deg") for seconds in reversed(HORIZONS)]
+    if has_track:
+        columns += [mixed_number_column(f"track after {minute:.0f} s,", "m"), mixed_number_column("track RMS", "m")]
+    columns += [mixed_number_column(f"RMSE {sensor_words(name)}", SENSOR_UNITS[name]) for name in sensors]
+    table = ResultTable("Free-running simulation against measurement", text_column("trial"), *columns)
+    for item in simulations:
+        headings = list(map(item.heading_errors.get, reversed(HORIZONS)))
+        cells = [_r2(item.fits, name) for name in sensors]
+        cells += [format_number(None if error is None else math.degrees(error), 2) for error in headings]
+        if has_track:
+            cells += [format_number(item.track_errors.get(minute), 2), format_number(item.track_rms, 2)]
+        table.add_row(item.name, *cells, *(_rmse(item.fits, name) for name in sensors))
+    pooled, blanks = pooled_measures(simulations), [""] * (2 + 2 * has_track)
+    r2, rmse = [_r2(pooled, name) for name in sensors], [_rmse(pooled, name) for name in sensors]
+    table.add_row("all", *r2, *blanks, *rmse, begins_section=True)
+    return table
+
+
+def _r2(fits: Mapping[str, FitMeasures], name: str) -> str:
+    return format_number(fits[name].r2, ".4f") if name in fits else DASH
+
+
+def _rmse(fits: Mapping[str, FitMeasures], name: str) -> str:
+    return format_number(fits[name].rmse, 2) if name in fits else DASH
+
+
+def run_manoeuvre_tables(found: Sequence[RunManoeuvre]) -> list[ResultTable]:
+    """Turning circles and zigzags of the runs, as measured and as simulated; a table of each kind."""
+    tables = []
+    for kind, title in _TITLES.items():
+        rows = [one for one in found if one.kind == kind]
+        if not rows:
+            continue
+        table = ResultTable(title, *map(text_column, ("run", "measure")), *_columns(("measured", "simulated")))
+        for one in rows:
+            sides = (one.measured, one.simulated)
+            for number, words in enumerate(_measure_rows(sides)):
+                name = "" if number else f"{one.run}, from {one.begin:.0f} s"
+                table.add_row(name, *words, begins_section=not number)
+        tables.append(table)
+    return tables
+
+
+def model_manoeuvre_tables(measures: Measures) -> list[ResultTable]:
+    """Standard manoeuvres of the model, with errors; names of ``measures`` are as "circle_port.advance"."""
+    sides: dict[str, dict[str, ManoeuvreMeasure]] = {}
+    for name, one in measures.items():
+        manoeuvre, _, measure = name.partition(".")
+        sides.setdefault(manoeuvre, {})[measure] = one
+    tables = []
+    for kind, title in _MODEL_TITLES.items():
+        rows = {name: side for name, side in sides.items() if name.startswith(kind)}
+        if not rows:
+            continue
+        table = ResultTable(title, text_column("measure"), *_columns(map(_manoeuvre_title, rows)))
+        for words in _measure_rows(tuple(rows.values())):
+            table.add_row(*words)
+        tables.append(table)
+    return tables
+
+
+def _manoeuvre_title(name: str) -> str:
+    kind, _, detail = name.partition("_")
+    return f"to {detail}" if kind == "circle" else f"{detail}/{detail} deg"
+
+
+def _columns(titles: Iterable[str]) -> list[Column]:
+    return list(map(mixed_number_column, titles))
+
+
+def _measure_rows(sides: Sequence[Measures]) -> Iterator[list[str]]:
+    """A row for each measure: its name with its unit, and its value in each of the ``sides``."""
+    units = {name: _unit(one) for side in sides for name, one in side.items()}
+    for name, unit in units.items():
+        title = name.replace("_", " ") + (f", {unit}" if unit not in {"", "1"} else "")
+        yield [title, *(_cell(side[name]) if name in side else DASH for side in sides)]
+
+
+def _cell(one: ManoeuvreMeasure) -> str:
+    factor = 180.0 / math.pi if one.unit in _ANGLES else 1.0
+    if one.standard_error is None:
+        return format_number(factor * one.value)
+    return plus_minus(factor * one.value, factor * one.standard_error)
+
+
+def _unit(one: ManoeuvreMeasure) -> str:
+    return unit_symbol(one.unit.replace("rad", "deg") if one.unit in _ANGLES else one.unit)

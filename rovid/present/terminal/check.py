@@ -1,5 +1,6 @@
 """The result of `rovid check` on a terminal: the verdict, what to do first, and what each log holds."""
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 
@@ -7,9 +8,11 @@ from rich.console import Console
 
 from rovid.core.errors import shortened_list
 from rovid.preflight.check import LogCheck
+from rovid.preflight.planar_check import PlanarCheck
 from rovid.present.console import print_labelled, print_text, show_warnings
 from rovid.present.number_format import NAME_LENGTH, format_number, shorten_name
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
+from rovid.trial.axis import AXES
 from rovid.trial.fault import fault_texts
 from rovid.trial.trial import merged_remarks
 
@@ -21,42 +24,48 @@ VERDICTS = {
 _DIRECTIONS = {1: "as rovid.toml says", -1: "the other way", 0: "not determined"}
 
 
-def show_check(console: Console, checked: LogCheck) -> None:
-    """Print the verdict, the first tasks, the logs, and then all other tasks and notes."""
+def show_check(console: Console, checked: LogCheck | PlanarCheck) -> None:
+    """Print the verdict, the first tasks, what logs and sensors hold, and then all other tasks and notes."""
     print_labelled(console, *VERDICTS[checked.verdict])
     for number, task in enumerate(check_tasks(checked), 1):
         print_text(console, f"{number}. {task}", len(f"{number}. "))
     console.print()
-    if checked.rows:
+    if isinstance(checked, PlanarCheck):
+        _show_sensors(console, checked)
+    elif checked.rows:
         console.print(_logs_table(checked))
         if any(thruster.observed.direction for thruster in checked.thrusters):
             console.print(_thrusters_table(checked))
-    problems = merged_problems(checked.problems)
-    if len(problems) > 1:
+    problems = _merged_problems(checked.problems)
+    if len(problems) > 1 and isinstance(checked, LogCheck):
         show_warnings(console, problems)
     show_warnings(console, check_notes(checked))
 
 
-def check_notes(checked: LogCheck) -> list[str]:
+def check_notes(checked: LogCheck | PlanarCheck) -> list[str]:
     """Advice that asks for no action, and the remarks of the readers."""
     asides = [advice.text for advice in checked.advice if advice.weight == "aside"]
-    noticed = merged_remarks([trial for trial, _ in checked.rows])
-    return [*asides, *noticed, *(remark.text for remark in checked.remarks)]
+    trials = checked.trials if isinstance(checked, PlanarCheck) else [trial for trial, _ in checked.rows]
+    return [*asides, *merged_remarks(trials), *(remark.text for remark in checked.remarks)]
 
 
-def check_tasks(checked: LogCheck) -> Iterator[str]:
+def check_tasks(checked: LogCheck | PlanarCheck) -> Iterator[str]:
     """Tasks before a fit, the most serious first."""
     yield from fault_texts(checked.faults)
-    problems, bad = merged_problems(checked.problems), len(checked.problems)
-    count = f"{bad} of {bad + len(checked.rows)} logs cannot be used"
-    if len(problems) == 1:
-        yield f"{count}. {problems[0]}" if bad > 1 else problems[0]
+    problems = _merged_problems(checked.problems)
+    if isinstance(checked, PlanarCheck):
+        yield from problems
     elif problems:
-        yield f"{count} (reasons below): {shortened_list(list(checked.problems))}."
+        bad = len(checked.problems)
+        count = f"{bad} of {bad + len(checked.rows)} logs cannot be used"
+        if len(problems) > 1:
+            yield f"{count} (reasons below): {shortened_list(list(checked.problems))}."
+        else:
+            yield f"{count}. {problems[0]}" if bad > 1 else problems[0]
     yield from (advice.text for advice in checked.advice if advice.weight != "aside")
 
 
-def merged_problems(problems: Mapping[str, str]) -> list[str]:
+def _merged_problems(problems: Mapping[str, str]) -> list[str]:
     """Each reason why logs cannot be used, led by the logs, and lines, with this fault."""
     places: dict[str, list[str]] = {}
     for name, problem in problems.items():
@@ -102,4 +111,44 @@ def _logs_table(checked: LogCheck) -> ResultTable:
             str(facts["samples"]),
             ", ".join(f"{remark.count} {remark.kind}" for remark in trial.remarks) or "none",
         )
+    return table
+
+
+def _show_sensors(console: Console, checked: PlanarCheck) -> None:
+    """Print what the sensors of the coupled model are, and what drives each motion."""
+    if not checked.sensors:
+        return
+    titles = ("Hz", "readings", "noise", "gaps", "longest gap s")
+    columns = [*map(mixed_number_column, titles[:3]), text_column("unit"), *map(mixed_number_column, titles[3:])]
+    table = ResultTable("Sensors", text_column("sensor"), *columns)
+    for one in checked.sensors:
+        unit, factor = _unit(one.name)
+        noise = "unknown" if math.isnan(one.noise) else format_number(factor * one.noise, 2)
+        gap = format_number(one.longest_gap, 2) if one.gaps else "none"
+        table.add_row(
+            one.name.replace("_", " "), format_number(one.rate), str(one.readings), noise, unit, str(one.gaps), gap
+        )
+    console.print(table)
+    console.print(_axes_table(checked))
+
+
+def _unit(sensor: str) -> tuple[str, float]:
+    """Unit for people, and its number in one SI unit."""
+    if sensor == "heading":
+        return AXES["yaw"].display_unit
+    if sensor == "yaw_rate":
+        unit, factor = AXES["yaw"].display_unit
+        return f"{unit}/s", factor
+    return ("m/s", 1.0) if sensor.endswith("velocity") else ("m", 1.0)
+
+
+def _axes_table(checked: PlanarCheck) -> ResultTable:
+    columns = map(mixed_number_column, ("thrust RMS", "speed RMS"))
+    table = ResultTable("Motions", text_column("axis"), *columns, text_column("unit"), text_column("driven by"))
+    for one in checked.axes:
+        axis = AXES[one.axis]
+        speed = format_number(one.velocity, 2) if math.isfinite(one.velocity) else "not measured"
+        force = format_number(one.force, 2) if one.force else "none"
+        driven = ", ".join(one.actuators) or "nothing"
+        table.add_row(one.axis, force, speed, f"{axis.force_unit}, {axis.rate_unit}", driven)
     return table

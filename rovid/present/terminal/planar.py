@@ -1,36 +1,37 @@
-"""Fit, check, diagnosis and export of the coupled model on a terminal."""
+"""Fit, simulation, plan, diagnosis, comparison and export of the coupled model on a terminal."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
-from rovid.core.formatting import plus_minus
+from rovid.compare.planar import PlanarComparison
+from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.result import UNIDENTIFIABLE
 from rovid.export.run_export import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
-from rovid.preflight.planar_check import PlanarCheck
 from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.planar import next_planar_experiment
-from rovid.present.number_format import format_number, unit_symbol
+from rovid.present.number_format import DASH, format_number, sensor_words, unit_symbol
 from rovid.present.sentences import effect_title, evidence_definitions, improvement_words, join_words, next_step
-from rovid.present.tables.planar import planar_estimate_table, planar_simulation_table, sensor_words
+from rovid.present.tables.fits import estimate_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
-from rovid.present.terminal.check import VERDICTS, merged_problems
+from rovid.present.tables.trials import planar_simulation_table
 from rovid.present.terminal.diagnosis import show_finding, show_other_faults, show_verdict
 from rovid.present.terminal.results import show_plan, show_stability
 from rovid.store.planar_study import PlanarStudy
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import AXES
-from rovid.trial.fault import fault_texts
-from rovid.trial.trial import merged_remarks
 
 # Number of undetermined combinations that have a sentence of their own.
 _COMBINATIONS = 3
+_SCALE = (
+    "These data never show a common factor on all thrust. If all inertias and drags change by one factor, less thrust "
+    "and a larger vehicle look the same."
+)
 # Sensors that are shown in degrees.
 _ANGLES = ("heading",)
 
@@ -41,7 +42,7 @@ def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy) -> Non
     show_faults(console, study.logs.faults)
     print_labelled(console, fit_sentence(fit), _agreement_words(fit))
     console.print()
-    console.print(planar_estimate_table(fit.estimate))
+    console.print(estimate_table(fit.estimate, coupled=True))
     for text in undetermined_sentences(fit):
         print_labelled(console, "Not determined:", text, "bold yellow")
     _show_prior(console, fit)
@@ -174,7 +175,7 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: P
         if extended.fit.model.effects:
             print_labelled(console, "Gain on trials that were not fitted:", gain_words(base, extended))
         planar_held_out_table(diagnosis, base, extended).print(console, guess)
-        console.print(planar_estimate_table(extended.fit.estimate))
+        console.print(estimate_table(extended.fit.estimate, coupled=True))
         for text in undetermined_sentences(extended.fit):
             print_labelled(console, "Not determined:", text, "bold yellow")
         _show_prior(console, extended.fit)
@@ -221,63 +222,6 @@ def _degrees(angle: float | None) -> float | None:
     return None if angle is None else math.degrees(angle)
 
 
-def show_planar_check(console: Console, checked: PlanarCheck) -> None:
-    """Print the verdict, the tasks, what the sensors and the motions are, and the notes."""
-    print_labelled(console, *VERDICTS[checked.verdict])
-    for number, task in enumerate(planar_tasks(checked), 1):
-        print_text(console, f"{number}. {task}", len(f"{number}. "))
-    console.print()
-    if checked.sensors:
-        titles = ("Hz", "readings", "noise", "gaps", "longest gap s")
-        columns = [*map(mixed_number_column, titles[:3]), text_column("unit"), *map(mixed_number_column, titles[3:])]
-        table = ResultTable("Sensors", text_column("sensor"), *columns)
-        for one in checked.sensors:
-            unit, factor = _unit(one.name)
-            noise = "unknown" if math.isnan(one.noise) else format_number(factor * one.noise, 2)
-            gap = format_number(one.longest_gap, 2) if one.gaps else "none"
-            table.add_row(
-                one.name.replace("_", " "), format_number(one.rate), str(one.readings), noise, unit, str(one.gaps), gap
-            )
-        console.print(table)
-        console.print(_axes_table(checked))
-    show_warnings(console, planar_notes(checked))
-
-
-def planar_notes(checked: PlanarCheck) -> list[str]:
-    """Advice that asks for no action, and the remarks of the readers."""
-    asides = [advice.text for advice in checked.advice if advice.weight == "aside"]
-    return [*asides, *merged_remarks(checked.trials), *(remark.text for remark in checked.remarks)]
-
-
-def planar_tasks(checked: PlanarCheck) -> Iterator[str]:
-    """Tasks before a fit, the most serious first."""
-    yield from fault_texts(checked.faults)
-    yield from merged_problems(checked.problems)
-    yield from (advice.text for advice in checked.advice if advice.weight != "aside")
-
-
-def _unit(sensor: str) -> tuple[str, float]:
-    """Unit for people, and its number in one SI unit."""
-    if sensor == "heading":
-        return AXES["yaw"].display_unit
-    if sensor == "yaw_rate":
-        unit, factor = AXES["yaw"].display_unit
-        return f"{unit}/s", factor
-    return ("m/s", 1.0) if sensor.endswith("velocity") else ("m", 1.0)
-
-
-def _axes_table(checked: PlanarCheck) -> ResultTable:
-    columns = map(mixed_number_column, ("thrust RMS", "speed RMS"))
-    table = ResultTable("Motions", text_column("axis"), *columns, text_column("unit"), text_column("driven by"))
-    for one in checked.axes:
-        axis = AXES[one.axis]
-        speed = format_number(one.velocity, 2) if math.isfinite(one.velocity) else "not measured"
-        force = format_number(one.force, 2) if one.force else "none"
-        driven = ", ".join(one.actuators) or "nothing"
-        table.add_row(one.axis, force, speed, f"{axis.force_unit}, {axis.rate_unit}", driven)
-    return table
-
-
 def show_planar_export(console: Console, path: Path, made: VerifiedPlanarExport) -> None:
     """Print the differences between the target's equation and the model, what the target lacks, and its stability."""
     print_path(console, str(path))
@@ -299,3 +243,47 @@ def _differences(mismatch: PlanarMismatch) -> str:
         for name, unit in VELOCITIES.items()
     ]
     return "; ".join(parts)
+
+
+def show_planar_comparison(console: Console, comparison: PlanarComparison, warnings: Sequence[str]) -> None:
+    """Print the result of a comparison, the parameters of both campaigns, and the predictions."""
+    guess = comparison.assumptions
+    show_caution(console, guess)
+    print_labelled(console, planar_comparison_sentence(comparison))
+    if comparison.verdict != "changed" and comparison.detectable:
+        shares = [f"{name} {significant(100.0 * size, 2)} %" for name, size in comparison.detectable.items()]
+        print_text(console, f"Smallest changes that these data would establish: {', '.join(shares)}.")
+    print_text(console, _SCALE)
+    console.print()
+    columns = map(mixed_number_column, ("A", "B", "unit", "B over A", "confidence of a change"))
+    table = ResultTable("Parameters of both campaigns", text_column("parameter"), *columns)
+    for change in comparison.changes:
+        a, b = (plus_minus(one.value, one.standard_error) for one in (change.a, change.b))
+        ratio = plus_minus(change.ratio, change.standard_error) if math.isfinite(change.ratio) else DASH
+        table.add_row(change.name, a, b, unit_symbol(change.a.unit), ratio, format_number(change.confidence, ".3f"))
+    table.print(console, guess)
+    if comparison.predictions:
+        _predictions_table(comparison).print(console, guess)
+    show_warnings(console, warnings)
+
+
+def planar_comparison_sentence(comparison: PlanarComparison) -> str:
+    """The result of a comparison in one sentence."""
+    a, b = comparison.a.name, comparison.b.name
+    if comparison.verdict == "changed":
+        found = [change for change in comparison.changes if change.changed]
+        words = [f"{one.name}, {plus_minus(one.ratio, one.standard_error)} times" for one in found]
+        return f"From {a} to {b} changed: {join_words(words)}."
+    if comparison.verdict == "same":
+        return f"Nothing changed from {a} to {b} that these data show."
+    return f"These data cannot tell whether the vehicle changed from {a} to {b}."
+
+
+def _predictions_table(comparison: PlanarComparison) -> ResultTable:
+    speeds = list(dict.fromkeys(speed for fits in comparison.predictions.values() for speed in fits))
+    columns = [mixed_number_column(f"R² {sensor_words(speed)}") for speed in speeds]
+    table = ResultTable("Free-running simulation of each campaign's runs", text_column("model"), *columns)
+    for (model, runs), fits in comparison.predictions.items():
+        cells = [format_number(fits[speed].r2, ".4f") if speed in fits else DASH for speed in speeds]
+        table.add_row(f"{model.upper()} on the runs of {runs.upper()}", *cells)
+    return table
