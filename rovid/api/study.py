@@ -18,16 +18,9 @@ from rovid.core.errors import ConfigError, DataError
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import Effect, effect_named
 from rovid.estimate.candidate_runs import RunLimits
+from rovid.export import run_export
 from rovid.export.interface import export_input
 from rovid.export.planar_input import planar_input
-from rovid.export.run_export import (
-    VerifiedExport,
-    VerifiedPlanarExport,
-    select_exporter,
-    select_planar_exporter,
-    verified_export,
-    verified_planar_export,
-)
 from rovid.preflight.check import check_logs, check_trials, require_right_signs, reversed_thrusters
 from rovid.preflight.planar_check import check_planar, check_planar_trials
 from rovid.readers.campaign import campaign_of
@@ -269,14 +262,16 @@ class VehicleStudy:
         vehicle, coupled = self.logs.vehicle, self.coupled
         if vehicle.assumptions:
             raise ConfigError(vehicle.assumptions.refusal, where=vehicle.name)
-        made: VerifiedExport | VerifiedPlanarExport
+        made: run_export.VerifiedExport | run_export.VerifiedPlanarExport
         if coupled is not None:
-            planar_exporter, _ = select_planar_exporter(format, None)
-            made = verified_planar_export(planar_exporter, planar_input(_stored(model or self.fit()), coupled))
+            planar_exporter, _ = run_export.select_planar_exporter(format, None)
+            made = run_export.verified_planar_export(
+                planar_exporter, planar_input(_stored(model or self.fit()), coupled)
+            )
         else:
-            exporter, _ = select_exporter(format, None)
+            exporter, _ = run_export.select_exporter(format, None)
             vehicle.require_no_rudder("the format")
-            made = verified_export(exporter, export_input(_stored(model or self.fit()), self.logs))
+            made = run_export.verified_export(exporter, export_input(_stored(model or self.fit()), self.logs))
         return records.export_record(format, made, vehicle)
 
     def _require_one_axis(self, method: str) -> None:

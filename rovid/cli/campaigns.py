@@ -7,20 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rovid.cli import completion
-from rovid.cli.context import (
-    compile_in_background,
-    console,
-    existing_parameters,
-    is_planar,
-    named_axis,
-    open_logs,
-    parameters_at,
-    print_json,
-    require_fresh,
-    reserve_outputs,
-    stored_logs,
-)
+from rovid.cli import completion, context
 from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, ParameterFile, argument, option
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
@@ -54,23 +41,23 @@ def compare(
             f"{len(given)} campaigns were given; at most two were expected.",
             mend="Give each campaign's folder, not its single logs.",
         )
-    if is_planar(axes, axis, cutoff=cutoff, output=output):
+    if context.is_planar(axes, axis, cutoff=cutoff, output=output):
         _compare_planar(given, parameters, matters / 100.0, json=json)
         return
-    compile_in_background()
+    context.compile_in_background()
     from rovid.compare.comparison import compare as compare_campaigns
     from rovid.present.documents.diagnosis import comparison_document
     from rovid.present.terminal.diagnosis import show_comparison
     from rovid.store.load import history_output
 
-    current = parameters_at(parameters, axis).path
+    current = context.parameters_at(parameters, axis).path
     pages = []
     if output is not None:
         from rovid.present.page.comparison import comparison_page, write_comparison
 
         pages = [comparison_page(output)]
     protected = [path for path in given if path.exists()]
-    outputs = reserve_outputs(pages, protected, current, history_output(current).path, force=force)
+    outputs = context.reserve_outputs(pages, protected, current, history_output(current).path, force=force)
     with progress("Reading …") as report:
         (a, b), notes = _campaigns(given, parameters, axis, cutoff)
         comparison = compare_campaigns(a, b, relevant_change=matters / 100.0, report=report)
@@ -82,11 +69,11 @@ def compare(
         document = comparison_document(comparison, assumptions, notes)
         for page in pages:
             document["page"] = str(page.path)
-        print_json(document)
+        context.print_json(document)
         return
-    show_comparison(console(), comparison, assumptions, notes)
+    show_comparison(context.console(), comparison, assumptions, notes)
     for page in pages:
-        console().print(str(page.path), highlight=False, soft_wrap=True)
+        context.console().print(str(page.path), highlight=False, soft_wrap=True)
 
 
 def _campaigns(
@@ -99,12 +86,14 @@ def _campaigns(
         names = [path.resolve().name for path in given]
         if names[0] == names[1]:
             names = list(map(str, given))
-        a, b = (_campaign([path], name, named_axis(axis), cutoff) for path, name in zip(given, names, strict=True))
+        a, b = (
+            _campaign([path], name, context.named_axis(axis), cutoff) for path, name in zip(given, names, strict=True)
+        )
         return (a, b), []
-    stored = existing_parameters(parameters, axis)
-    notes = require_fresh(stored, None)
+    stored = context.existing_parameters(parameters, axis)
+    notes = context.require_fresh(stored, None)
     if given and not _is_parameter_file(given[0]):
-        logs = stored_logs(stored)
+        logs = context.stored_logs(stored)
         a = _campaign(given, given[0].resolve().name, stored.axis, cutoff)
         return (a, _campaign(logs, ", ".join(path.name for path in logs), stored.axis, cutoff)), notes
     a = campaign_from_file(given[0], str(given[0])) if given else previous_campaign(stored)
@@ -117,7 +106,7 @@ def _campaign(paths: list[Path], name: str, axis: Axis, cutoff: float | None) ->
 
     if _is_parameter_file(paths[0]):
         return campaign_from_file(paths[0], name)
-    return campaign_from_study(open_logs(paths, cutoff, axis), name)
+    return campaign_from_study(context.open_logs(paths, cutoff, axis), name)
 
 
 def _is_parameter_file(path: Path) -> bool:
@@ -136,15 +125,15 @@ def _compare_planar(given: list[Path], parameters: Path | None, matters: float, 
 
     notes: list[str] = []
     if len(given) == 1:
-        stored = existing_parameters(parameters, planar=True)
-        given, notes = [*given, stored.path], require_fresh(stored, None)
+        stored = context.existing_parameters(parameters, planar=True)
+        given, notes = [*given, stored.path], context.require_fresh(stored, None)
     with progress("Reading …") as report:
         a, b = planar_campaigns((given[0], given[1]), report)
         comparison = compare_planar(a, b, relevant_change=matters)
     if json:
-        print_json(planar_comparison_document(comparison, notes))
+        context.print_json(planar_comparison_document(comparison, notes))
     else:
-        show_planar_comparison(console(), comparison, notes)
+        show_planar_comparison(context.console(), comparison, notes)
 
 
 def fleet(
@@ -175,11 +164,11 @@ def fleet(
     from rovid.fleet.run import FleetOptions, fleet_document, run_fleet, show_fleet
 
     options = FleetOptions(
-        axis=named_axis(axis).name, cutoff=cutoff, jobs=jobs, cluster=cluster, patience=timeout, shrink=shrink
+        axis=context.named_axis(axis).name, cutoff=cutoff, jobs=jobs, cluster=cluster, patience=timeout, shrink=shrink
     )
     with progress("Looking for campaigns …") as report:
         result = run_fleet(folders, output, options, force=force, report=report)
     if json:
-        print_json(fleet_document(result))
+        context.print_json(fleet_document(result))
     else:
-        show_fleet(console(), result)
+        show_fleet(context.console(), result)

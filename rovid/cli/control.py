@@ -3,15 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from rovid.cli.context import (
-    console,
-    open_logs,
-    print_json,
-    require_usable,
-    reserve_outputs,
-    stored_logs,
-    yaw_parameters,
-)
+from rovid.cli import context
 from rovid.cli.options import EffectsFrom, ForceGuess, Json, OptionalLogs, ParameterFile, add_effects, option
 from rovid.cli.streams import progress
 
@@ -80,18 +72,18 @@ def control(
     )
     if law != "model" and (c or python):
         raise ConfigError(f"is {law}; --c and --python write the model-aided law alone.", where="--law")
-    stored = yaw_parameters(parameters)
+    stored = context.yaw_parameters(parameters)
     model = stored.model()
-    paths = logs or stored_logs(stored)
+    paths = logs or context.stored_logs(stored)
     generators = {}
     for path, signature, source in ((c, C_SOURCE, c_source), (python, PYTHON_SOURCE, python_source)):
         if path is not None:
             generators[OutputFile(path, signature)] = source
-    outputs = reserve_outputs(list(generators), paths, stored.path, force=force)
-    study = open_logs(paths, None, stored.axis)
+    outputs = context.reserve_outputs(list(generators), paths, stored.path, force=force)
+    study = context.open_logs(paths, None, stored.axis)
     study.vehicle.require_no_rudder("the controller")
     study.require_effects(model.effects)
-    remarks, assumptions = require_usable(stored, study, force=force)
+    remarks, assumptions = context.require_usable(stored, study, force=force)
     conditions = loop_conditions(options, model, study.position_noise(), study.median_torque())
     with progress("Simulating the closed loop …"):
         result = design_controller(stored, study.vehicle, conditions, options)
@@ -99,8 +91,8 @@ def control(
         outputs.write({output: source(result.law, assumptions) for output, source in generators.items()})
     warnings = [*fault_texts(study.faults), *study.remarks(), *remarks]
     if json:
-        print_json(control_document(result, warnings, assumptions))
+        context.print_json(control_document(result, warnings, assumptions))
     else:
-        show_caution(console(), assumptions)
-        show_control(console(), result, assumptions)
-        show_warnings(console(), warnings)
+        show_caution(context.console(), assumptions)
+        show_control(context.console(), result, assumptions)
+        show_warnings(context.console(), warnings)

@@ -7,18 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from rovid.cli import completion
-from rovid.cli.context import (
-    console,
-    existing_parameters,
-    is_planar,
-    open_logs,
-    open_planar_logs,
-    print_json,
-    require_usable,
-    reserve_outputs,
-    yaw_parameters,
-)
+from rovid.cli import completion, context
 from rovid.cli.options import Axes, EffectsFrom, ForceGuess, Json, ParameterFile, add_effects, argument, option
 from rovid.cli.streams import progress
 from rovid.export import FORMATS
@@ -49,7 +38,7 @@ def export(
 ) -> None:
     """Write the model in the format of a simulator."""
     add_effects(effects_from)
-    planar = is_planar(axes, None)
+    planar = context.is_planar(axes, None)
     from rovid.present.console import show_caution
     from rovid.present.documents.results import export_document
 
@@ -60,25 +49,25 @@ def export(
         from rovid.present.terminal.planar import show_planar_export as show
 
         planar_exporter, target = select_planar_exporter(format, output)
-        stored = existing_parameters(parameters, planar=True)
+        stored = context.existing_parameters(parameters, planar=True)
     else:
         from rovid.export.interface import export_input
         from rovid.export.run_export import select_exporter, verified_export
         from rovid.present.terminal.results import show_export as show
 
         exporter, target = select_exporter(format, output)
-        stored = yaw_parameters(parameters)
+        stored = context.yaw_parameters(parameters)
         stored.model()
-    outputs = reserve_outputs([target], stored.logs, stored.path, force=force)
+    outputs = context.reserve_outputs([target], stored.logs, stored.path, force=force)
     logs, coupled = None, None
     if stored.logs and all(path.exists() for path in stored.logs):
         if planar:
-            coupled = open_planar_logs(stored.logs)
+            coupled = context.open_planar_logs(stored.logs)
             logs = coupled.logs
         else:
-            logs = open_logs(stored.logs, None, stored.axis)
+            logs = context.open_logs(stored.logs, None, stored.axis)
             logs.vehicle.require_no_rudder("the format")
-    remarks, assumptions = require_usable(stored, logs, force=force)
+    remarks, assumptions = context.require_usable(stored, logs, force=force)
     exported: VerifiedExport | VerifiedPlanarExport
     with progress("Simulating …"):
         if planar:
@@ -89,7 +78,7 @@ def export(
     exported = replace(exported, warnings=(*exported.warnings, *remarks))
     outputs.write({target: exported.content})
     if json:
-        print_json(export_document(format, str(target.path), exported, assumptions))
+        context.print_json(export_document(format, str(target.path), exported, assumptions))
     else:
-        show_caution(console(), assumptions)
-        show(console(), target.path, exported)
+        show_caution(context.console(), assumptions)
+        show(context.console(), target.path, exported)

@@ -7,21 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rovid.cli import completion
+from rovid.cli import completion, options
 from rovid.cli.context import compile_in_background, is_planar
-from rovid.cli.options import (
-    Axes,
-    AxisName,
-    Cutoff,
-    EffectsFrom,
-    Force,
-    Json,
-    Logs,
-    OptionalLogs,
-    ParameterFile,
-    add_effects,
-    option,
-)
 from rovid.cli.sessions import fit_and_store, open_planar_session, open_session, print_result, store_planar_fit
 from rovid.cli.streams import progress
 
@@ -31,13 +18,13 @@ if TYPE_CHECKING:
 
 
 def fit_drag(
-    logs: Logs,
+    logs: options.Logs,
     *,
-    axis: AxisName = None,
-    parameters: ParameterFile = None,
-    cutoff: Cutoff = None,
-    force: Force = False,
-    json: Json = False,
+    axis: options.AxisName = None,
+    parameters: options.ParameterFile = None,
+    cutoff: options.Cutoff = None,
+    force: options.Force = False,
+    json: options.Json = False,
 ) -> None:
     """Fit drag from steady turns."""
     session = open_session(logs, parameters, axis, cutoff, force=force)
@@ -49,13 +36,13 @@ def fit_drag(
 
 
 def fit_inertia(
-    logs: OptionalLogs = None,
+    logs: options.OptionalLogs = None,
     *,
-    axis: AxisName = None,
-    parameters: ParameterFile = None,
-    cutoff: Cutoff = None,
-    force: Force = False,
-    json: Json = False,
+    axis: options.AxisName = None,
+    parameters: options.ParameterFile = None,
+    cutoff: options.Cutoff = None,
+    force: options.Force = False,
+    json: options.Json = False,
 ) -> None:
     """Fit inertia from sines by four methods."""
     _fit_inertia(open_session(logs, parameters, axis, cutoff, force=force), json=json)
@@ -67,25 +54,27 @@ def _fit_inertia(session: FitSession[Study], *, json: bool) -> None:
 
 
 def fit(
-    logs: OptionalLogs = None,
+    logs: options.OptionalLogs = None,
     *,
     effect: Annotated[
         list[str] | None,
-        option("ID", "Add this effect to the model, as thruster_lag. Repeatable.", autocompletion=completion.effects),
+        options.option(
+            "ID", "Add this effect to the model, as thruster_lag. Repeatable.", autocompletion=completion.effects
+        ),
     ] = None,
     gyro: Annotated[
         bool, typer.Option("--gyro", help="Also fit the logged rates, if they come from a gyro of their own.")
     ] = False,
-    axis: AxisName = None,
-    axes: Axes = None,
-    parameters: ParameterFile = None,
-    cutoff: Cutoff = None,
-    force: Force = False,
-    effects_from: EffectsFrom = None,
-    json: Json = False,
+    axis: options.AxisName = None,
+    axes: options.Axes = None,
+    parameters: options.ParameterFile = None,
+    cutoff: options.Cutoff = None,
+    force: options.Force = False,
+    effects_from: options.EffectsFrom = None,
+    json: options.Json = False,
 ) -> None:
     """Fit all parameters by maximum likelihood."""
-    add_effects(effects_from)
+    options.add_effects(effects_from)
     names = list(dict.fromkeys(effect or ()))
     if is_planar(axes, axis, gyro=gyro, cutoff=cutoff):
         from rovid.present.documents.planar import planar_fit_document

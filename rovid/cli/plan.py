@@ -10,17 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rovid.cli import completion
-from rovid.cli.context import (
-    console,
-    is_planar,
-    open_logs,
-    open_planar_logs,
-    parameters_at,
-    print_json,
-    reserve_outputs,
-    stored_logs,
-)
+from rovid.cli import completion, context
 from rovid.cli.options import Axes, AxisName, EffectsFrom, Force, Json, OptionalLogs, ParameterFile, add_effects, option
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
@@ -94,7 +84,7 @@ def plan(
     from rovid.present.terminal.results import show_plan
 
     limits = partial(_limits, share, minutes, max_rate, turns, design)
-    if is_planar(axes, axis, between=between):
+    if context.is_planar(axes, axis, between=between):
         if matrix or design:
             where = "--matrix" if matrix else "--design"
             raise ConfigError(
@@ -106,15 +96,15 @@ def plan(
     if matrix:
         if len(causes) == 1:
             raise ConfigError("names one cause; two or more were expected.", where="--between")
-        _plan_matrix(logs, parameters_at(parameters, axis), causes, effect or (), share, json=json)
+        _plan_matrix(logs, context.parameters_at(parameters, axis), causes, effect or (), share, json=json)
         return
     if len({cause.id for cause in causes}) not in {0, 2} or len(causes) > 2:
         raise ConfigError("expects two different causes.", where="--between", mend="Give it once for each of them.")
-    stored = parameters_at(parameters, axis)
-    paths = logs or stored_logs(stored)
+    stored = context.parameters_at(parameters, axis)
+    paths = logs or context.stored_logs(stored)
     commands, picture = OutputFile(output, PLAN), OutputFile(output.with_suffix(".png"), png_signature("plan"))
-    outputs = reserve_outputs([commands, picture], paths, stored.path, force=force)
-    study = open_logs(paths, None, stored.axis)
+    outputs = context.reserve_outputs([commands, picture], paths, stored.path, force=force)
+    study = context.open_logs(paths, None, stored.axis)
     if not force:
         study.require_sound()
     study.vehicle.require_no_rudder("a run of commands")
@@ -127,11 +117,11 @@ def plan(
         reason = "does not exist, so the run is planned for a model without causes"
         warnings = [f"{stored.path} {reason}. Give the parameter file of a diagnosis with -p."]
     if json:
-        print_json(plan_document(found, study.vehicle, str(commands.path), str(picture.path), warnings))
+        context.print_json(plan_document(found, study.vehicle, str(commands.path), str(picture.path), warnings))
     else:
-        show_caution(console(), study.vehicle.assumptions)
-        show_plan(console(), found, [commands.path, picture.path])
-        show_warnings(console(), warnings)
+        show_caution(context.console(), study.vehicle.assumptions)
+        show_plan(context.console(), found, [commands.path, picture.path])
+        show_warnings(context.console(), warnings)
 
 
 def _limits(
@@ -172,7 +162,7 @@ def _plan_matrix(
     if config and effect:
         text = "needs logs: without one the size of an effect cannot be fitted."
         raise ConfigError(text, where="--effect", mend="Name causes to compare with --between.")
-    study = config or open_logs(logs or stored_logs(stored), None, stored.axis)
+    study = config or context.open_logs(logs or context.stored_logs(stored), None, stored.axis)
     vehicle = study.vehicle
     require_thrusters(vehicle)
     vehicle.require_no_rudder("a run of commands")
@@ -191,11 +181,11 @@ def _plan_matrix(
         found = isolability(base, tested, vehicle, programme, report)
     warnings = estimate_warnings(base.model) if config else []
     if json:
-        print_json(matrix_document(found, vehicle, warnings))
+        context.print_json(matrix_document(found, vehicle, warnings))
     else:
-        show_caution(console(), vehicle.assumptions)
-        show_matrix(console(), found)
-        show_warnings(console(), warnings)
+        show_caution(context.console(), vehicle.assumptions)
+        show_matrix(context.console(), found)
+        show_warnings(context.console(), warnings)
 
 
 def _stale_effects(stored: Parameters, study: Study) -> list[str]:
@@ -224,12 +214,12 @@ def _plan_planar(
     from rovid.present.terminal.planar import show_planar_plan
     from rovid.store.planar_study import planar_effect
 
-    stored = parameters_at(parameters, planar=True)
+    stored = context.parameters_at(parameters, planar=True)
     effects = list(map(planar_effect, dict.fromkeys((*stored.effects, *effect))))
-    paths = logs or stored_logs(stored)
+    paths = logs or context.stored_logs(stored)
     commands = OutputFile(output, PLAN)
-    outputs = reserve_outputs([commands], paths, stored.path, force=force)
-    study = open_planar_logs(paths)
+    outputs = context.reserve_outputs([commands], paths, stored.path, force=force)
+    study = context.open_planar_logs(paths)
     if not force:
         study.logs.require_sound()
     with progress("Fitting, and comparing candidate runs …"):
@@ -238,6 +228,6 @@ def _plan_planar(
     warnings = [*study.remarks(), *map(study.vehicle.assumptions.mark_sentence, found.warnings)]
     warnings += _stale_effects(stored, study.logs)
     if json:
-        print_json(planar_plan_document(found, study.vehicle, str(commands.path), warnings))
+        context.print_json(planar_plan_document(found, study.vehicle, str(commands.path), warnings))
     else:
-        show_planar_plan(console(), found, study, [commands.path], warnings)
+        show_planar_plan(context.console(), found, study, [commands.path], warnings)

@@ -5,29 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rovid.cli.context import (
-    compile_in_background,
-    console,
-    is_planar,
-    open_logs,
-    parameters_at,
-    print_json,
-    stored_logs,
-    write_missing_config,
-)
-from rovid.cli.options import (
-    Axes,
-    AxisName,
-    Cutoff,
-    EffectsFrom,
-    Force,
-    Json,
-    OptionalLogs,
-    ParameterFile,
-    TimeBudget,
-    add_effects,
-    option,
-)
+from rovid.cli import context, options
 from rovid.cli.sessions import open_planar_session, store_planar_fit
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
@@ -36,14 +14,14 @@ _JOURNAL_WIDTHS = ("84mm", "174mm")
 
 
 def report(
-    logs: OptionalLogs = None,
+    logs: options.OptionalLogs = None,
     *,
-    axis: AxisName = None,
-    axes: Axes = None,
-    parameters: ParameterFile = None,
+    axis: options.AxisName = None,
+    axes: options.Axes = None,
+    parameters: options.ParameterFile = None,
     output: Annotated[
         Path | None,
-        option(
+        options.option(
             "FOLDER",
             "Folder for page and plots. Default: report, or report_AXIS for another axis, or report_planar.",
             "--output",
@@ -60,30 +38,30 @@ def report(
     ] = False,
     journal: Annotated[
         list[str] | None,
-        option(
+        options.option(
             "WIDTH",
             "Also write the plots for a journal, 84 or 174 mm wide at 300 dpi, into plots/WIDTH. Repeatable.",
             "--journal",
         ),
     ] = None,
-    cutoff: Cutoff = None,
-    budget: TimeBudget = None,
-    force: Force = False,
-    effects_from: EffectsFrom = None,
-    json: Json = False,
+    cutoff: options.Cutoff = None,
+    budget: options.TimeBudget = None,
+    force: options.Force = False,
+    effects_from: options.EffectsFrom = None,
+    json: options.Json = False,
 ) -> None:
     """Write all results on one page."""
-    add_effects(effects_from)
+    options.add_effects(effects_from)
     widths = list(map(_journal_width, journal or ()))
-    planar = is_planar(axes, axis, cutoff=cutoff)
+    planar = context.is_planar(axes, axis, cutoff=cutoff)
     if not planar:
-        compile_in_background()
+        context.compile_in_background()
     from rovid.present.console import print_path, show_caution, show_faults, show_warnings
     from rovid.present.documents.fits import all_warnings, axis_document, fault_documents, guess_document
     from rovid.present.page.plot_files import pdf_output
 
     document, further = dict[str, Any](schema="rovid-report/1"), dict[str, Any]()
-    options: dict[str, Any] = {"diagnosed": diagnosis, "budget": budget, "pdf": pdf, "journal": widths, "force": force}
+    choices: dict[str, Any] = {"diagnosed": diagnosis, "budget": budget, "pdf": pdf, "journal": widths, "force": force}
     if planar:
         from rovid.present.documents.planar import AXES_DOCUMENT, measures_document
         from rovid.present.page.planar import build_planar_report
@@ -97,7 +75,7 @@ def report(
                 folder,
                 lambda fit: store_planar_fit(session, fit),
                 report=show_progress,
-                **options,
+                **choices,
             )
         assumptions, answer = session.study.vehicle.assumptions, contents.headline
         notes = [*session.notes, *contents.notes]
@@ -108,15 +86,15 @@ def report(
         from rovid.present.page.summary import summarize
         from rovid.trial.axis import YAW
 
-        stored = parameters_at(parameters, axis, force=force)
-        notes = write_missing_config(logs, stored.axis) if logs else []
-        reported = open_logs(logs or stored_logs(stored), cutoff, stored.axis)
+        stored = context.parameters_at(parameters, axis, force=force)
+        notes = context.write_missing_config(logs, stored.axis) if logs else []
+        reported = context.open_logs(logs or context.stored_logs(stored), cutoff, stored.axis)
         if not force:
             reported.require_sound()
         folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
         with progress("Fitting drag and inertia …") as show_progress:
             page, data = build_report(
-                stored, reported, folder, controlled=control, exported=export, report=show_progress, **options
+                stored, reported, folder, controlled=control, exported=export, report=show_progress, **choices
             )
         assumptions, answer, found = reported.vehicle.assumptions, summarize(data).headline, data.diagnosis
         if found is not None and found.missing:
@@ -127,14 +105,14 @@ def report(
     if json:
         document |= {"answer": answer, **files, "parameters": str(stored.path)}
         document |= {"faults": fault_documents(reported.faults), **further}
-        print_json(document | guess_document(assumptions) | {"warnings": all_warnings(assumptions, notes)})
+        context.print_json(document | guess_document(assumptions) | {"warnings": all_warnings(assumptions, notes)})
         return
-    show_caution(console(), assumptions)
-    show_faults(console(), reported.faults)
-    show_warnings(console(), notes)
-    console().print(answer, highlight=False)
+    show_caution(context.console(), assumptions)
+    show_faults(context.console(), reported.faults)
+    show_warnings(context.console(), notes)
+    context.console().print(answer, highlight=False)
     for path in files.values():
-        print_path(console(), path)
+        print_path(context.console(), path)
 
 
 def _journal_width(text: str) -> str:

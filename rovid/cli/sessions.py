@@ -7,16 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from rovid.cli.context import (
-    console,
-    open_logs,
-    open_planar_logs,
-    parameters_at,
-    print_json,
-    reserve_outputs,
-    stored_logs,
-    without_stale_values,
-)
+from rovid.cli import context
 from rovid.cli.streams import progress
 
 if TYPE_CHECKING:
@@ -68,16 +59,16 @@ def open_session(
     from rovid.preflight.check import require_right_signs
     from rovid.trial.fault import FAULT_IDS, FaultOverrides
 
-    stored = parameters_at(parameters, axis, force=force)
-    paths = logs or stored_logs(stored)
+    stored = context.parameters_at(parameters, axis, force=force)
+    paths = logs or context.stored_logs(stored)
     outputs = _reserved(stored, paths, force=force, with_history=with_history)
-    study = open_logs(paths, cutoff, stored.axis, prefetch)
+    study = context.open_logs(paths, cutoff, stored.axis, prefetch)
     if force:
         study = replace(study, overrides=FaultOverrides(kept=dict.fromkeys(FAULT_IDS, ("*",))))
     elif require_sound:
         study.require_sound()
         require_right_signs(study)
-    stored, notes = without_stale_values(stored, study)
+    stored, notes = context.without_stale_values(stored, study)
     return FitSession(stored=stored, study=study, outputs=outputs, notes=notes)
 
 
@@ -85,13 +76,13 @@ def open_planar_session(
     logs: Sequence[Path] | None, parameters: Path | None, *, force: bool, require_sound: bool = True
 ) -> FitSession[PlanarStudy]:
     """`open_session` for surge, sway and yaw together."""
-    stored = parameters_at(parameters, planar=True, force=force)
-    paths = logs or stored_logs(stored)
+    stored = context.parameters_at(parameters, planar=True, force=force)
+    paths = logs or context.stored_logs(stored)
     outputs = _reserved(stored, paths, force=force)
-    study = open_planar_logs(paths)
+    study = context.open_planar_logs(paths)
     if require_sound and not force:
         study.logs.require_sound()
-    stored, notes = without_stale_values(stored, study.logs)
+    stored, notes = context.without_stale_values(stored, study.logs)
     return FitSession(stored=stored, study=study, outputs=outputs, notes=notes)
 
 
@@ -99,7 +90,7 @@ def _reserved(stored: Parameters, logs: Sequence[Path], *, force: bool, with_his
     from rovid.store.load import history_output
 
     files = [stored.output, history_output(stored.path)] if with_history else [stored.output]
-    return reserve_outputs(files, logs, force=force)
+    return context.reserve_outputs(files, logs, force=force)
 
 
 def fit_and_store(session: FitSession[Study], words: str, fit: Callable[[], Fit], *options: str, json: bool) -> None:
@@ -129,13 +120,13 @@ def print_result(
 ) -> None:
     """Print a fit or a diagnosis, and the parameter file it is ``stored`` in."""
     if json:
-        print_json(document(result, study))
+        context.print_json(document(result, study))
         return
     from rovid.present.console import print_text
 
-    show(console(), result, study)
+    show(context.console(), result, study)
     if stored is not None:
-        print_text(console(), f"written to {stored.path}")
+        print_text(context.console(), f"written to {stored.path}")
 
 
 def diagnose_study(
@@ -148,7 +139,7 @@ def diagnose_study(
 
     if not force and (reversed_arms := reversed_thrusters(study)):
         return Diagnosis(verdict="bad_logs", missing=reversed_arms)
-    stored, notes = without_stale_values(stored, study)
+    stored, notes = context.without_stale_values(stored, study)
     seconds = budget or study.default_budget
     diagnosis = study.diagnosis(report, drag=stored.independent_drag(), force=force, budget=seconds)
     if diagnosis.extended is not None:
@@ -173,7 +164,7 @@ def store_estimate(
     from rovid.store.load import update_parameters
 
     def change(current: Parameters) -> Parameters:
-        fresh, _ = without_stale_values(current, study)
+        fresh, _ = context.without_stale_values(current, study)
         provenance = study.provenance
         given = " ".join(filter(None, (provenance.options, *options)))
         return fresh.with_estimate(estimate, replace(provenance, options=given))

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from rovid.control import tuning
 from rovid.control.actuators import ActuatorProbe, Allocation, allocate, one_way_only
 from rovid.control.autopilot import (
     AUTOPILOTS,
@@ -22,16 +23,6 @@ from rovid.control.autopilot import (
 from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, StepMetrics, simulate_loops, step_metrics
 from rovid.control.control_law import NO_STATIC_TERMS, ControlLaw, static_terms_of
 from rovid.control.specs import WAVE_PERIOD, ControllerOptions, HeadingManoeuvre, LoopConditions, standard_manoeuvres
-from rovid.control.tuning import (
-    BANDWIDTHS,
-    Margins,
-    OpenLoop,
-    damping_ratio,
-    largest_bandwidth,
-    linearise,
-    pd_gains,
-    sample_models,
-)
 from rovid.core.errors import DataError
 from rovid.model.model import Model
 from rovid.store.parameter_file import Parameters
@@ -85,7 +76,7 @@ class ControllerDesign:
     damping: float
     bandwidth: float
     lag: float  #: s, total delay of the loop at the crossover frequency.
-    margins: Margins
+    margins: tuning.Margins
     spread: MarginSpread | None
     runs: tuple[ClosedLoopResult, ...]  #: Empty for an autopilot.
     autopilot: str = ""  #: One of `AUTOPILOTS`; empty for the model-aided law.
@@ -128,7 +119,7 @@ def design_controller(
         allocation = allocate(vehicle, model)
         if kp is None or kd is None:
             bandwidth = bandwidth or choose_bandwidth(model, vehicle, allocation, conditions, options.damping)
-            kp, kd = pd_gains(model.inertia, options.damping, bandwidth)
+            kp, kd = tuning.pd_gains(model.inertia, options.damping, bandwidth)
         law = control_law(model, allocation, conditions, kp, kd)
         loop, probe = (
             open_loop(law, model, vehicle, allocation, conditions),
@@ -143,7 +134,7 @@ def design_controller(
         model=model,
         conditions=conditions,
         allocation=allocation,
-        damping=damping_ratio(law.kp, law.kd, model.inertia),
+        damping=tuning.damping_ratio(law.kp, law.kd, model.inertia),
         bandwidth=math.sqrt(law.kp / model.inertia),
         lag=loop.total_lag(margins.crossover),
         margins=margins,
@@ -181,11 +172,11 @@ def without_model_aid(law: ControlLaw) -> ControlLaw:
 
 def open_loop(
     law: ControlLaw, model: Model, vehicle: Vehicle, allocation: Allocation, conditions: LoopConditions
-) -> OpenLoop:
+) -> tuning.OpenLoop:
     """Loop of ``law`` about rest, at the amplitude of the torque in use."""
-    return OpenLoop(
+    return tuning.OpenLoop(
         law=law,
-        motion=linearise(model, model.steady_rate(conditions.torque_in_use)),
+        motion=tuning.linearise(model, model.steady_rate(conditions.torque_in_use)),
         actuators=_probe(model, vehicle, allocation, conditions).frequency_response(model),
         delay=conditions.delay,
     )
@@ -211,26 +202,28 @@ def choose_bandwidth(
         raise one_way_only()
 
     def law_at(bandwidth: float) -> ControlLaw:
-        kp, kd = pd_gains(model.inertia, damping, bandwidth)
+        kp, kd = tuning.pd_gains(model.inertia, damping, bandwidth)
         return control_law(model, allocation, conditions, kp, kd)
 
     limit = math.sqrt(capacity / SATURATING_ERROR / model.inertia)
-    for bandwidth in BANDWIDTHS.tolist():
+    for bandwidth in tuning.BANDWIDTHS.tolist():
         if law_at(bandwidth).noise(conditions.heading_noise) > NOISE_SHARE * conditions.torque_in_use:
             limit = min(limit, bandwidth)
             break
     # Motion and actuators do not depend on the gains.
     template = open_loop(law_at(1.0), model, vehicle, allocation, conditions)
-    return largest_bandwidth(lambda bandwidth: replace(template, law=law_at(bandwidth)), limit)
+    return tuning.largest_bandwidth(lambda bandwidth: replace(template, law=law_at(bandwidth)), limit)
 
 
-def _margin_spread(loop: OpenLoop, parameters: Parameters, probe: ActuatorProbe, fastest: float) -> MarginSpread | None:
+def _margin_spread(
+    loop: tuning.OpenLoop, parameters: Parameters, probe: ActuatorProbe, fastest: float
+) -> MarginSpread | None:
     """Monte Carlo over the covariance of the parameters with the controller fixed; None without a covariance."""
     if not any(value > 0.0 for value in parameters.covariance.values()):
         return None
     margins = []
-    for model in sample_models(parameters, _DRAWS, seed=0):
-        drawn = replace(loop, motion=linearise(model, fastest), actuators=probe.frequency_response(model))
+    for model in tuning.sample_models(parameters, _DRAWS, seed=0):
+        drawn = replace(loop, motion=tuning.linearise(model, fastest), actuators=probe.frequency_response(model))
         margins.append(drawn.margins())
     bounds = {}
     for name, share in (("gain_db", 0.05), ("phase_deg", 0.05), ("delay_s", 0.05), ("sensitivity_peak", 0.95)):
@@ -326,7 +319,7 @@ def simulate_pairs(loops: Sequence[ClosedLoop]) -> list[tuple[StepMetrics, Close
 def run_duration(law: ControlLaw, model: Model) -> float:
     """Length of a run in s, about twice its settling time."""
     frequency = math.sqrt(law.kp / model.inertia)
-    ratio = damping_ratio(law.kp, law.kd, model.inertia)
+    ratio = tuning.damping_ratio(law.kp, law.kd, model.inertia)
     # Decay rate of the slower mode, relative to the natural frequency.
     decay = ratio if ratio < 1.0 else ratio - math.sqrt(ratio**2 - 1.0)
     return max(_TIME_CONSTANTS / (frequency * decay), _SHORTEST)

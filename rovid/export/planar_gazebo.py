@@ -14,18 +14,8 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import identifiers
+from rovid.export import gazebo
 from rovid.export.body_equation import BodyEquation, Scheme
-from rovid.export.gazebo import (
-    EFFORT,
-    EFFORT_FACTOR,
-    GZ_STEP,
-    NEWTONS,
-    VRX_STEP,
-    deadband_thrust,
-    sdf,
-    thruster_xml,
-    with_deadband,
-)
 from rovid.export.planar_input import PlanarExportResult, PlanarInput, frame_notes, simulation
 from rovid.export.thruster_curves import thruster_inputs, thruster_lag
 from rovid.export.uuv import FILTER, thruster_joint, xacro
@@ -62,7 +52,7 @@ def export_gz_sim(subject: PlanarInput) -> PlanarExportResult:
         absolute=absolute,
         current=np.array([north, east]),
         inertia_in_water=False,
-        step=GZ_STEP,
+        step=gazebo.GZ_STEP,
         scheme=Scheme.BODY_EULER,
     )
     notes = (
@@ -85,7 +75,7 @@ def export_vrx(subject: PlanarInput) -> PlanarExportResult:
     base = subject.model.base
     linear, absolute = subject.own_damping
     largest = np.max(base[4:7] * subject.envelope + base[7:10] * subject.envelope**2)
-    effort = max(EFFORT, EFFORT_FACTOR * float(largest))
+    effort = max(gazebo.EFFORT, gazebo.EFFORT_FACTOR * float(largest))
     names = (("xU", 4), ("xUU", 7), ("yV", 5), ("yVV", 8), ("nR", 6), ("nRR", 9))
     drags = "".join(f"      <{name}>{base[at]:.10g}</{name}>\n" for name, at in names)
     plugin = f"""    <plugin filename="libSimpleHydrodynamics.so" name="vrx::SimpleHydrodynamics">
@@ -96,7 +86,7 @@ def export_vrx(subject: PlanarInput) -> PlanarExportResult:
 {drags}      <max_effort>{effort:.10g}</max_effort>
     </plugin>"""
     equation = BodyEquation(
-        mass=subject.model.mass_matrix, linear=linear, absolute=absolute, step=VRX_STEP, scheme=Scheme.BODY_EULER
+        mass=subject.model.mass_matrix, linear=linear, absolute=absolute, step=gazebo.VRX_STEP, scheme=Scheme.BODY_EULER
     )
     notes = (
         (
@@ -120,15 +110,15 @@ def _sdf(
     own = [one.name for one in subject.actuators.thrusters.thrusters]
     units, thrusters = [], []
     for unit in subject.units:
-        band = deadband_thrust(subject.thrusters, own.index(unit.curve.name))
-        units.append(unit._replace(curve=with_deadband(unit.curve, band)))
+        band = gazebo.deadband_thrust(subject.thrusters, own.index(unit.curve.name))
+        units.append(unit._replace(curve=gazebo.with_deadband(unit.curve, band)))
         direction = f"{math.cos(unit.direction):.10g} {-math.sin(unit.direction):.10g}"
-        thrusters.append(thruster_xml(unit.curve, band, f"{unit.x:.10g} {-unit.y:.10g}", direction))
+        thrusters.append(gazebo.thruster_xml(unit.curve, band, f"{unit.x:.10g} {-unit.y:.10g}", direction))
     mass, izz, inertia = subject.mass, subject.rigid_inertia, subject.model.mass_matrix
     # Products of sway and yaw keep their sign in FLU axes.
     added = {"xx": inertia[0, 0] - mass, "yy": inertia[1, 1] - mass, "yr": inertia[1, 2], "rr": inertia[2, 2] - izz}
     fluid = "".join(f"<{key}>{value:.10g}</{key}>" for key, value in added.items() if value)
-    content = sdf(
+    content = gazebo.sdf(
         name,
         subject.vehicle.name,
         "surge, sway and yaw identified by rovid; FLU axes, z up",
@@ -142,7 +132,7 @@ def _sdf(
         simulate=simulation(subject, equation, units),
         kept_effects=kept | subject.curve_keys,
         base_losses=losses,
-        notes=(_FLU, *frame_notes(subject), NEWTONS, *notes),
+        notes=(_FLU, *frame_notes(subject), gazebo.NEWTONS, *notes),
     )
 
 

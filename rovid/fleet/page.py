@@ -17,19 +17,8 @@ from rovid import __version__
 from rovid.core.errors import escape_invisible, shortened_list
 from rovid.core.formatting import plus_minus, significant
 from rovid.effects import CATALOGUE
+from rovid.fleet import results
 from rovid.fleet.campaigns import CampaignRecord
-from rovid.fleet.results import (
-    RULE,
-    Fleet,
-    Outlier,
-    ParameterValue,
-    ShrunkParameter,
-    causes,
-    guessed,
-    median_of,
-    outliers,
-    verdict,
-)
 from rovid.present.number_format import DASH, parameter_title, shorten_name, unit_symbol
 from rovid.present.page.templating import template_environment
 from rovid.present.plots.canvas import BLACK, ORANGE, PALE, RED, panel_grid, render_inline_svg, report_style
@@ -64,9 +53,9 @@ class PageFigure:
     alt: str
 
 
-def fleet_page(fleet: Fleet, means: Sequence[ShrunkParameter]) -> str:
+def fleet_page(fleet: results.Fleet, means: Sequence[results.ShrunkParameter]) -> str:
     """The page as self-contained HTML, with links to the diagnosis of each campaign."""
-    found = outliers(fleet)
+    found = results.outliers(fleet)
     timeline_figure = None
     if any(record.start is not None for record in fleet.done):
         alt = "A row for each vehicle and a mark for each campaign at its date. The table below shows the same."
@@ -91,7 +80,7 @@ def fleet_page(fleet: Fleet, means: Sequence[ShrunkParameter]) -> str:
         changes=list(cause_changes(fleet)),
         caution=caution(fleet),
         far=found,
-        rule=RULE,
+        rule=results.RULE,
         campaigns=_campaign_table(fleet),
         timeline=timeline_figure,
         histories=list(_histories(fleet, found, means)),
@@ -101,10 +90,10 @@ def fleet_page(fleet: Fleet, means: Sequence[ShrunkParameter]) -> str:
     )
 
 
-def headline(fleet: Fleet) -> str:
+def headline(fleet: results.Fleet) -> str:
     """Summary of the verdicts in one line."""
     counts = f"{_count(len(fleet.records), 'campaign')} of {_count(len(fleet.vehicles), 'vehicle')}"
-    verdicts = list(map(verdict, fleet.done))
+    verdicts = list(map(results.verdict, fleet.done))
     parts = [f"{words} in {verdicts.count(key)}" for key, (*_, words) in VERDICTS.items() if key in verdicts]
     if fleet.failed:
         parts.append(f"no diagnosis of {len(fleet.failed)}")
@@ -115,9 +104,9 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def caution(fleet: Fleet) -> str:
+def caution(fleet: results.Fleet) -> str:
     """Warning about campaigns with guessed arms or thrust curves; empty if there are none."""
-    names = [record.campaign for record in fleet.done if guessed(record)]
+    names = [record.campaign for record in fleet.done if results.guessed(record)]
     if not names:
         return ""
     return (
@@ -126,22 +115,22 @@ def caution(fleet: Fleet) -> str:
     )
 
 
-def cause_changes(fleet: Fleet) -> Iterator[str]:
+def cause_changes(fleet: results.Fleet) -> Iterator[str]:
     """Sentences on causes that appear or disappear between consecutive campaigns of a vehicle."""
     for vehicle, records in fleet.vehicles.items():
         for before, after in pairwise(records):
-            old, new = set(causes(before, "findings")), set(causes(after, "findings"))
+            old, new = set(results.causes(before, "findings")), set(results.causes(after, "findings"))
             for verb, effects in (("appeared", new - old), ("disappeared", old - new)):
                 if effects:
                     names = join_words([_effect_title(fleet, effect) for effect in sorted(effects)])
                     yield f"{vehicle or 'No name'}: {names} {verb} between {before.campaign} and {after.campaign}."
 
 
-def _effect_title(fleet: Fleet, effect: str) -> str:
+def _effect_title(fleet: results.Fleet, effect: str) -> str:
     return axis_named(fleet.axis).reword(_TITLES[effect])
 
 
-def _date_range(fleet: Fleet) -> str:
+def _date_range(fleet: results.Fleet) -> str:
     starts = [record.start for record in fleet.done if record.start is not None]
     if not starts:
         return ""
@@ -149,17 +138,17 @@ def _date_range(fleet: Fleet) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def _campaign_table(fleet: Fleet) -> ResultTable:
+def _campaign_table(fleet: results.Fleet) -> ResultTable:
     """All campaigns by vehicle and date, then those without a diagnosis."""
     table = ResultTable(
         "All campaigns. Each name links to the full diagnosis.",
         *map(text_column, ("campaign", "vehicle", "start, UTC", "verdict", "causes", "suspects")),
     )
     for record in (*(record for records in fleet.vehicles.values() for record in records), *fleet.failed):
-        key = verdict(record)
+        key = results.verdict(record)
         words = VERDICTS[key][-1] if key else "no diagnosis"
         found, suspected = (
-            ", ".join(_effect_title(fleet, effect) for effect in causes(record, kind)) or DASH
+            ", ".join(_effect_title(fleet, effect) for effect in results.causes(record, kind)) or DASH
             for kind in ("findings", "suspects")
         )
         start = DASH if record.start is None else f"{datetime.fromtimestamp(record.start, UTC):%Y-%m-%d %H:%M}"
@@ -173,7 +162,9 @@ def _link(record: CampaignRecord) -> Markup:
     return Markup('<a href="{}">{}</a>').format(place, escape_invisible(record.campaign))
 
 
-def _histories(fleet: Fleet, found: Sequence[Outlier], means: Sequence[ShrunkParameter]) -> Iterator[PageFigure]:
+def _histories(
+    fleet: results.Fleet, found: Sequence[results.Outlier], means: Sequence[results.ShrunkParameter]
+) -> Iterator[PageFigure]:
     by_name = {mean.name: mean for mean in means}
     for number, name in enumerate(fleet.parameters):
         marked = {outlier.campaign for outlier in found if outlier.name == name}
@@ -183,10 +174,10 @@ def _histories(fleet: Fleet, found: Sequence[Outlier], means: Sequence[ShrunkPar
         )
 
 
-def _cause_table(fleet: Fleet) -> ResultTable | None:
+def _cause_table(fleet: results.Fleet) -> ResultTable | None:
     """Causes found or suspected in each campaign; None if there are none."""
     kinds = ("findings", "suspects")
-    effects = sorted({effect for record in fleet.done for kind in kinds for effect in causes(record, kind)})
+    effects = sorted({effect for record in fleet.done for kind in kinds for effect in results.causes(record, kind)})
     if not effects:
         return None
     heads = [text_column(_effect_title(fleet, effect)) for effect in effects]
@@ -196,13 +187,13 @@ def _cause_table(fleet: Fleet) -> ResultTable | None:
     for vehicle, records in fleet.vehicles.items():
         for record in records:
             cells = dict.fromkeys(effects, ABSENT)
-            cells |= dict.fromkeys(causes(record, "suspects"), SUSPECTED)
-            cells |= dict.fromkeys(causes(record, "findings"), FOUND)
+            cells |= dict.fromkeys(results.causes(record, "suspects"), SUSPECTED)
+            cells |= dict.fromkeys(results.causes(record, "findings"), FOUND)
             table.add_row(vehicle, _link(record), *cells.values())
     return table
 
 
-def _mean_table(fleet: Fleet, means: Sequence[ShrunkParameter]) -> ResultTable | None:
+def _mean_table(fleet: results.Fleet, means: Sequence[results.ShrunkParameter]) -> ResultTable | None:
     """Hierarchical means and scatters; None if there are none."""
     if not means:
         return None
@@ -222,7 +213,7 @@ def _mean_table(fleet: Fleet, means: Sequence[ShrunkParameter]) -> ResultTable |
 
 
 @report_style
-def timeline(fleet: Fleet) -> Figure:
+def timeline(fleet: results.Fleet) -> Figure:
     """One row a vehicle with one marker for each dated campaign."""
     rows = list(fleet.vehicles.items())
     figure, ((panel,),) = panel_grid([(_ROW * (len(rows) + 1), 1)], left=2.2, top=0.45, bottom=0.5)
@@ -231,7 +222,7 @@ def timeline(fleet: Fleet) -> Figure:
             (record.start, row)
             for row, (_, records) in enumerate(rows)
             for record in records
-            if record.start is not None and verdict(record) == key
+            if record.start is not None and results.verdict(record) == key
         ]
         if dated:
             starts, heights = zip(*dated, strict=True)
@@ -246,7 +237,7 @@ def timeline(fleet: Fleet) -> Figure:
 
 
 @report_style
-def history(fleet: Fleet, name: str, marked: Collection[str], mean: ShrunkParameter | None) -> Figure:
+def history(fleet: results.Fleet, name: str, marked: Collection[str], mean: results.ShrunkParameter | None) -> Figure:
     """A parameter with its 95 % intervals by vehicle and date; the campaigns in ``marked`` are red.
 
     If the vehicles differ too much, the deviation from each vehicle's own median is plotted, in per cent.
@@ -288,21 +279,23 @@ def _label_group(panel: Axes, first: int, vehicle: str, letters: int, median: fl
         panel.axvline(first - 1.0, color="#e2e2e2", linewidth=1.0)
 
 
-def _centre(fleet: Fleet, name: str, medians: Mapping[str, float], mean: ShrunkParameter | None) -> float:
+def _centre(
+    fleet: results.Fleet, name: str, medians: Mapping[str, float], mean: results.ShrunkParameter | None
+) -> float:
     """Ordinate of the dashed line."""
     if mean is not None:
         return mean.mean.value
     if medians:
         return 0.0
     values = [value for known in fleet.campaigns_with(name).values() for _, value in known if value.is_comparable]
-    return median_of(values) if values else math.nan
+    return results.median_of(values) if values else math.nan
 
 
-def _percent_deviation(value: ParameterValue, median: float) -> ParameterValue:
+def _percent_deviation(value: results.ParameterValue, median: float) -> results.ParameterValue:
     return replace(value, value=100.0 * (value.value / median - 1.0), error=100.0 * value.error / abs(median))
 
 
-def _plot_value(panel: Axes, at: float, value: ParameterValue, colour: str) -> None:
+def _plot_value(panel: Axes, at: float, value: results.ParameterValue, colour: str) -> None:
     if math.isfinite(value.error):
         reach = _INTERVAL * value.error
         panel.plot([at, at], [value.value - reach, value.value + reach], color=colour, linewidth=1.6, zorder=2)

@@ -5,33 +5,13 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from rovid.compare.comparison import Comparison, CrossPrediction
+from rovid.diagnose import result
 from rovid.diagnose.log_rivals import coupled_causes
-from rovid.diagnose.result import (
-    NEVER_IDENTIFIABLE,
-    Conclusion,
-    Diagnosis,
-    Finding,
-    ModelAssessment,
-    discriminating_experiment,
-    next_experiment,
-    not_identifiable,
-)
 from rovid.diagnose.signal_regressors import signal_name
 from rovid.diagnose.tables import TableDiagnosis
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import unit_of, without_form
-from rovid.present.documents.fits import (
-    Document,
-    all_warnings,
-    axis_document,
-    fields,
-    guess_document,
-    notes_document,
-    parameter_document,
-    position_errors,
-    simulation_units,
-    value_document,
-)
+from rovid.present.documents import fits
 from rovid.present.sentences import change_sentence, document_key, other_causes
 from rovid.present.tables.diagnosis import inertia_ratios
 from rovid.store.study import Study
@@ -40,14 +20,14 @@ from rovid.trial.axis import YAW, Axis
 from rovid.trial.fault import Fault
 
 
-def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
+def diagnosis_document(diagnosis: result.Diagnosis, study: Study) -> fits.Document:
     """The document of `rovid diagnose --json`."""
     axis = study.vehicle.axis
     shown = "deg" if axis.angular else "m"
     names = [signal_name(signal) for signal, _ in diagnosis.signals]
     document = {
         "schema": "rovid-diagnosis/1",
-        **axis_document(axis),
+        **fits.axis_document(axis),
         **conclusion_document(diagnosis, axis),
         "base": _assessment(diagnosis.base, axis),
         "horizons": [
@@ -68,35 +48,35 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
                 for name, (signal, gain) in zip(names, diagnosis.signals, strict=True)
             ],
         },
-        "not_identifiable": list(not_identifiable(study.vehicle, diagnosis)),
-        "next_experiment": next_experiment(diagnosis) | {"needed": not diagnosis.is_settled},
-        **guess_document(study.vehicle.assumptions),
+        "not_identifiable": list(result.not_identifiable(study.vehicle, diagnosis)),
+        "next_experiment": result.next_experiment(diagnosis) | {"needed": not diagnosis.is_settled},
+        **fits.guess_document(study.vehicle.assumptions),
     }
     if diagnosis.from_tables is not None:
         document["tables"] = _table_diagnosis(diagnosis.from_tables)
     if coupled := coupled_causes(diagnosis, study.campaign.trials if study.campaign else ()):
         document["coupled_causes"] = list(coupled)
     warnings = [*study.remarks(), *diagnosis.warnings]
-    return document | notes_document(study.vehicle.assumptions, all_faults(diagnosis, study), warnings)
+    return document | fits.notes_document(study.vehicle.assumptions, all_faults(diagnosis, study), warnings)
 
 
-def all_faults(diagnosis: Diagnosis, study: Study) -> list[Fault]:
+def all_faults(diagnosis: result.Diagnosis, study: Study) -> list[Fault]:
     """Faults that the logs alone show, and those that the diagnosis found, which comes second and knows more."""
     later = {fault.fault for fault in diagnosis.faults if fault.fault != "foreign_log"}
     return [*(fault for fault in study.faults if fault.fault not in later), *diagnosis.faults]
 
 
-def conclusion_document(diagnosis: Conclusion, axis: Axis = YAW) -> Document:
+def conclusion_document(diagnosis: result.Conclusion, axis: Axis = YAW) -> fits.Document:
     """What the diagnosis of any model concludes: causes, other sets of causes, and what it could not see."""
     detectable = {}
     for effect, size in diagnosis.detectable:
         unit = unit_of(effect.parameter_names[0], axis)
         # Effect and parameter -> the smallest size that would have been found; None where no size would.
         key = f"{effect.id}.{effect.parameters[0].name}"
-        detectable[key] = value_document(size if math.isfinite(size) else None, unit)
+        detectable[key] = fits.value_document(size if math.isfinite(size) else None, unit)
     challengers = [
         {"effects": list(one.causes), "faults": list(one.faults)}
-        | fields(one, "log_likelihood_difference", "price_difference")
+        | fits.fields(one, "log_likelihood_difference", "price_difference")
         for one in diagnosis.challengers
     ]
     return {
@@ -110,11 +90,11 @@ def conclusion_document(diagnosis: Conclusion, axis: Axis = YAW) -> Document:
     }
 
 
-def _table_diagnosis(diagnosis: TableDiagnosis) -> Document:
+def _table_diagnosis(diagnosis: TableDiagnosis) -> fits.Document:
     """Predictions of the plain model, and the effects that would or would not explain the tables alone."""
     predictions = [
-        fields(row, "trial", "inertia", inertia_method="method")
-        | {"peak_yaw_rate": fields(row, "measured", "predicted") | {"unit": "rad/s"}}
+        fits.fields(row, "trial", "inertia", inertia_method="method")
+        | {"peak_yaw_rate": fits.fields(row, "measured", "predicted") | {"unit": "rad/s"}}
         for row in diagnosis.predictions
     ]
     explanations = []
@@ -123,7 +103,7 @@ def _table_diagnosis(diagnosis: TableDiagnosis) -> Document:
         explanation = {
             "effect": effect.id,
             "form": effect.form or None,
-            "parameters": {name: value_document(value, unit) for name, (value, unit) in cause.sizes.items()},
+            "parameters": {name: fits.value_document(value, unit) for name, (value, unit) in cause.sizes.items()},
             "inertia": cause.model.inertia,
             "chance_of_the_misfit": None if math.isnan(cause.p_value) else cause.p_value,
             "deciding_experiment": effect.experiment,
@@ -137,7 +117,7 @@ def _table_diagnosis(diagnosis: TableDiagnosis) -> Document:
     }
 
 
-def _assessment(side: ModelAssessment | None, axis: Axis) -> Document | None:
+def _assessment(side: result.ModelAssessment | None, axis: Axis) -> fits.Document | None:
     """A model's parameters, and its errors on held-out trials."""
     if side is None:
         return None
@@ -148,18 +128,18 @@ def _assessment(side: ModelAssessment | None, axis: Axis) -> Document | None:
             "log_likelihood": held_out.log_likelihood,
             f"{axis.rate_signal}_r2": held_out.rate_r2,
             f"{axis.rate_signal}_rmse": held_out.rate_rmse,
-            **position_errors(held_out.position_errors, axis),
-            "units": simulation_units(axis),
+            **fits.position_errors(held_out.position_errors, axis),
+            "units": fits.simulation_units(axis),
         },
     }
 
 
-def _without_forms(estimate: Estimate) -> Document:
+def _without_forms(estimate: Estimate) -> fits.Document:
     """The parameters, named by effects without their forms."""
-    return {without_form(name): value for name, value in parameter_document(estimate).items()}
+    return {without_form(name): value for name, value in fits.parameter_document(estimate).items()}
 
 
-def finding_document(finding: Finding) -> Document:
+def finding_document(finding: result.Finding) -> fits.Document:
     """A cause with its parameters, its evidence and its rivals."""
     effect = finding.effect
     # Without the effect's name before that of the parameter.
@@ -169,22 +149,22 @@ def finding_document(finding: Finding) -> Document:
         "effect": effect.id,
         "form": effect.form or None,
         "parameters": parameters,
-        **fields(finding, "held_out_gain", "standard_errors", "evidence", log_likelihood_gain="bic_gain"),
+        **fits.fields(finding, "held_out_gain", "standard_errors", "evidence", log_likelihood_gain="bic_gain"),
         "held_out_log_likelihood_gain": finding.held_out_gain,
         "runner_up": {"effect": others[0].effect.id, "gain": others[0].bic_gain} if others else None,
         "confidence": finding.probability,
         "cannot_be_told_from": [other.id for other in finding.indistinguishable],
-        "deciding_experiment": discriminating_experiment(finding),
+        "deciding_experiment": result.discriminating_experiment(finding),
     }
 
 
-def _held_out_gain(diagnosis: Diagnosis, axis: Axis) -> Document | None:
+def _held_out_gain(diagnosis: result.Diagnosis, axis: Axis) -> fits.Document | None:
     """Errors of both models on held-out trials; None where one of the models is missing."""
     if diagnosis.base is None or diagnosis.extended is None:
         return None
     one, other = diagnosis.base.held_out, diagnosis.extended.held_out
 
-    def pair(before: float | None, after: float | None, unit: str) -> Document:
+    def pair(before: float | None, after: float | None, unit: str) -> fits.Document:
         return {"base": before, "extended": after, "unit": unit}
 
     rate_rmse = pair(one.rate_rmse, other.rate_rmse, axis.rate_unit)
@@ -196,21 +176,21 @@ def _held_out_gain(diagnosis: Diagnosis, axis: Axis) -> Document | None:
     return {
         f"{axis.rate_signal}_rmse": rate_rmse | {"noise_floor": diagnosis.noise_floor},
         f"{axis.rate_signal}_r2": pair(one.rate_r2, other.rate_r2, "1"),
-        **position_errors(positions, axis),
+        **fits.position_errors(positions, axis),
         "log_likelihood": pair(one.log_likelihood, other.log_likelihood, "1"),
     }
 
 
-def comparison_document(comparison: Comparison, guess: Assumptions, warnings: Sequence[str]) -> Document:
+def comparison_document(comparison: Comparison, guess: Assumptions, warnings: Sequence[str]) -> fits.Document:
     """The document of `rovid compare --json`."""
     axis, changes = comparison.a.axis, comparison.changes
     ratios = {}
     for symbols, (of_a, of_b), (over, error), unit in inertia_ratios(comparison):
-        sides = {"a": value_document(of_a[0], unit, of_a[1]), "b": value_document(of_b[0], unit, of_b[1])}
+        sides = {"a": fits.value_document(of_a[0], unit, of_a[1]), "b": fits.value_document(of_b[0], unit, of_b[1])}
         ratios[symbols] = {**sides, "ratio": over, "standard_error": error}
     return {
         "schema": "rovid-comparison/1",
-        **axis_document(axis),
+        **fits.axis_document(axis),
         "verdict": comparison.verdict,
         "campaigns": {"a": comparison.a.name, "b": comparison.b.name},
         "parameters": _compared_parameters(comparison, guess),
@@ -219,8 +199,8 @@ def comparison_document(comparison: Comparison, guess: Assumptions, warnings: Se
             {
                 "what": change.candidate.name,
                 "parameters": list(map(document_key, change.candidate.parameters)),
-                **fields(change, "ratio", "standard_error", "confidence", log_likelihood_gain="bic_score"),
-                **fields(change, "established", "standard_errors", "evidence"),
+                **fits.fields(change, "ratio", "standard_error", "confidence", log_likelihood_gain="bic_score"),
+                **fits.fields(change, "established", "standard_errors", "evidence"),
                 "cannot_be_told_from": [other.name for other in change.indistinguishable],
                 "words": change_sentence(comparison, change),
             }
@@ -236,29 +216,29 @@ def comparison_document(comparison: Comparison, guess: Assumptions, warnings: Se
         "smallest_seen": dict(changes.detectable_changes),
         "matters": comparison.relevant_change,
         "open": list(comparison.open_questions),
-        "not_identifiable": list(NEVER_IDENTIFIABLE),
-        **guess_document(guess),
-        "warnings": all_warnings(guess, [*comparison.warnings, *warnings]),
+        "not_identifiable": list(result.NEVER_IDENTIFIABLE),
+        **fits.guess_document(guess),
+        "warnings": fits.all_warnings(guess, [*comparison.warnings, *warnings]),
     }
 
 
-def _compared_parameters(comparison: Comparison, guess: Assumptions) -> Document:
+def _compared_parameters(comparison: Comparison, guess: Assumptions) -> fits.Document:
     """Each parameter in both campaigns, with its ratio, its difference, and the probability of a change."""
     changes, pair = comparison.changes, comparison.changes.pair
-    document: Document = {}
+    document: fits.Document = {}
     for place, name in enumerate(pair.names):
         unit = pair.units[place]
         ratio, ratio_error = changes.ratio(name) or (None, None)
         difference, difference_error = changes.difference(name)
         separate, joint = (
-            {side: value_document(value, unit, error) for side, (value, error) in zip("ab", values, strict=True)}
+            {side: fits.value_document(value, unit, error) for side, (value, error) in zip("ab", values, strict=True)}
             for values in (changes.separate_values(name), changes.joint_values(name))
         )
         document[document_key(name)] = {
             **separate,
             "ratio": ratio,
             "standard_error": ratio_error,
-            "difference": value_document(difference, unit, difference_error),
+            "difference": fits.value_document(difference, unit, difference_error),
             "confidence": changes.probabilities[name],
             "together": joint,
         }
@@ -267,16 +247,16 @@ def _compared_parameters(comparison: Comparison, guess: Assumptions) -> Document
     for change in changes.changes:
         if change.candidate.inverse:
             document[change.candidate.name] = {
-                "a": value_document(1.0, "1", 0.0),
-                "b": value_document(change.ratio, "1", change.standard_error),
-                **fields(change, "ratio", "standard_error", "confidence"),
+                "a": fits.value_document(1.0, "1", 0.0),
+                "b": fits.value_document(change.ratio, "1", change.standard_error),
+                **fits.fields(change, "ratio", "standard_error", "confidence"),
             }
     return document
 
 
-def _cross_prediction(prediction: CrossPrediction | None, axis: Axis) -> Document:
+def _cross_prediction(prediction: CrossPrediction | None, axis: Axis) -> fits.Document:
     """How well a model predicts a campaign's runs; None values where there are no logs."""
     names = {f"{axis.rate_signal}_{name}": f"rate_{name}" for name in ("r2", "rmse")}
     if prediction is None:
         return dict.fromkeys(names)
-    return fields(prediction, **names) | position_errors(prediction.position_errors, axis)
+    return fits.fields(prediction, **names) | fits.position_errors(prediction.position_errors, axis)

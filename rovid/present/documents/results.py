@@ -12,15 +12,8 @@ from rovid.diagnose.effect_trial import EffectGain, EffectTrial
 from rovid.diagnose.formulas.discovery import Discovery, Formula, units_of
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.estimate.isolability import IsolabilityMatrix
+from rovid.export import run_export
 from rovid.export.resimulation import Mismatch
-from rovid.export.run_export import (
-    VELOCITIES,
-    ExportLoss,
-    PlanarLoss,
-    PlanarMismatch,
-    VerifiedExport,
-    VerifiedPlanarExport,
-)
 from rovid.export.stability import Stability
 from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
 from rovid.preflight.check import LogCheck, remark_document
@@ -30,18 +23,7 @@ from rovid.preflight.config_writer import assumptions_in
 from rovid.preflight.log_survey import LogSurvey
 from rovid.preflight.planar_check import PlanarCheck
 from rovid.preflight.signal_guess import ColumnMapping
-from rovid.present.documents.fits import (
-    Document,
-    all_warnings,
-    axis_document,
-    fault_documents,
-    fields,
-    guess_document,
-    marked_value,
-    position_errors,
-    simulation_units,
-    sname_document,
-)
+from rovid.present.documents import fits
 from rovid.store.parameter_file import Parameters
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import PLANAR, Axis
@@ -52,7 +34,7 @@ _CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "cro
 
 def simulation_document(
     parameters: Parameters, simulations: Sequence[TrialSimulation], warnings: Sequence[str], guess: Assumptions
-) -> Document:
+) -> fits.Document:
     """The document of `rovid simulate --json`; position errors in rad or m."""
     axis = parameters.axis
     trials = [
@@ -60,40 +42,40 @@ def simulation_document(
             "name": item.run.trial.name,
             "samples": item.fit.samples,
             **_fit_measures(item.fit, axis),
-            **position_errors(item.position_errors, axis),
+            **fits.position_errors(item.position_errors, axis),
         }
         for item in simulations
     ]
     return shared_simulation_document(parameters, warnings, guess) | {
-        **axis_document(axis),
+        **fits.axis_document(axis),
         "trials": trials,
         "overall": _fit_measures(pooled_fit(simulations), axis),
-        "units": simulation_units(axis),
+        "units": fits.simulation_units(axis),
     }
 
 
-def shared_simulation_document(parameters: Parameters, warnings: Sequence[str], guess: Assumptions) -> Document:
+def shared_simulation_document(parameters: Parameters, warnings: Sequence[str], guess: Assumptions) -> fits.Document:
     """The part that the documents of all simulations share."""
     entries = {
-        name: marked_value(guess, entry.value, entry.unit, entry.standard_error) | sname_document(name)
+        name: fits.marked_value(guess, entry.value, entry.unit, entry.standard_error) | fits.sname_document(name)
         for name, entry in parameters.entries.items()
     }
     return {
         "schema": "rovid-simulation/1",
         "parameters": entries,
         "effects": parameters.effects,
-        **guess_document(guess),
-        "warnings": all_warnings(guess, warnings),
+        **fits.guess_document(guess),
+        "warnings": fits.all_warnings(guess, warnings),
     }
 
 
-def _fit_measures(fit: FitMeasures, axis: Axis) -> Document:
+def _fit_measures(fit: FitMeasures, axis: Axis) -> fits.Document:
     return {f"{axis.rate_signal}_{name}": getattr(fit, name) for name in ("r2", "fit_percent", "rmse")}
 
 
 def plan_document(
     plan: ExperimentPlan, vehicle: Vehicle, command_file: str, picture: str, warnings: Sequence[str]
-) -> Document:
+) -> fits.Document:
     """The document of `rovid plan --json`."""
     between, gain = None, "logarithm of the ratio of variances"
     if len(plan.models) > 1:
@@ -101,23 +83,24 @@ def plan_document(
         gain = "expected log-likelihood ratio"
     return {
         "schema": "rovid-plan/1",
-        **axis_document(vehicle.axis),
+        **fits.axis_document(vehicle.axis),
         "between": between,
         "narrow": plan.parameter or None,
         "decides": plan.is_decisive,
         "runs": [
-            fields(best.run, "seconds", run="name") | fields(best, "gain", "gain_per_minute") for best in plan.runs
+            fits.fields(best.run, "seconds", run="name") | fits.fields(best, "gain", "gain_per_minute")
+            for best in plan.runs
         ],
         "gain": gain,
         "command_file": command_file,
         "picture": picture,
         "commands": commands_by_name(plan),
-        **guess_document(vehicle.assumptions),
-        "warnings": all_warnings(vehicle.assumptions, warnings),
+        **fits.guess_document(vehicle.assumptions),
+        "warnings": fits.all_warnings(vehicle.assumptions, warnings),
     }
 
 
-def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle, warnings: Sequence[str]) -> Document:
+def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle, warnings: Sequence[str]) -> fits.Document:
     """The document of `rovid plan --matrix --json`; null for a pair that is never separated."""
 
     def finite(seconds: float) -> float | None:
@@ -125,7 +108,7 @@ def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle, warnings: Seque
 
     return {
         "schema": "rovid-matrix/1",
-        **axis_document(vehicle.axis),
+        **fits.axis_document(vehicle.axis),
         "programme": {"runs": list(matrix.runs), "seconds": matrix.seconds},
         "causes": [{"effect": cause.name, "parameters": cause.effect.values(cause.values)} for cause in matrix.causes],
         "not_visible": list(matrix.invisible),
@@ -148,16 +131,16 @@ def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle, warnings: Seque
             }
             for name, causes in matrix.sensor_causes.items()
         ],
-        **guess_document(vehicle.assumptions),
-        "warnings": all_warnings(vehicle.assumptions, warnings),
+        **fits.guess_document(vehicle.assumptions),
+        "warnings": fits.all_warnings(vehicle.assumptions, warnings),
     }
 
 
-def control_document(design: ControllerDesign, warnings: Sequence[str], guess: Assumptions) -> Document:
+def control_document(design: ControllerDesign, warnings: Sequence[str], guess: Assumptions) -> fits.Document:
     """The document of `rovid control --json`; times in s, angles in deg, torques in N m, frequencies in rad/s."""
     law, margins, spread = design.law, design.margins, design.spread
     lag = {"total": design.lag, "delay": design.conditions.delay, "period": law.period}
-    own: Document = {"law": design.autopilot or "model"}
+    own: fits.Document = {"law": design.autopilot or "model"}
     if isinstance(law, AutopilotLaw):
         own |= {"autopilot_parameters": design.autopilot_parameters, "torque_of_full_output": law.full}
     else:
@@ -165,11 +148,11 @@ def control_document(design: ControllerDesign, warnings: Sequence[str], guess: A
     return {
         "schema": "rovid-control/1",
         **own,
-        "gains": fields(law, "kp", "kd"),
+        "gains": fits.fields(law, "kp", "kd"),
         "damping_ratio": design.damping,
         "bandwidth": design.bandwidth,
-        "margins": fields(margins, "gain_db", "phase_deg", "delay_s"),
-        **fields(margins, "stable", "gain_down_db", "crossover", "sensitivity_peak", lag_margin_s="lag_s"),
+        "margins": fits.fields(margins, "gain_db", "phase_deg", "delay_s"),
+        **fits.fields(margins, "stable", "gain_down_db", "crossover", "sensitivity_peak", lag_margin_s="lag_s"),
         "lag": lag,
         "torque_limits": [design.allocation.lowest, design.allocation.highest],
         "torque_in_use": design.conditions.torque_in_use,
@@ -177,59 +160,63 @@ def control_document(design: ControllerDesign, warnings: Sequence[str], guess: A
         "effects": [effect.key for effect in design.model.effects],
         "runs": list(map(_closed_run, design.runs)),
         "units": dict(_CONTROL_UNITS),
-        **guess_document(guess),
-        "warnings": all_warnings(guess, warnings),
+        **fits.guess_document(guess),
+        "warnings": fits.all_warnings(guess, warnings),
     }
 
 
-def _closed_run(run: ClosedLoopResult) -> Document:
+def _closed_run(run: ClosedLoopResult) -> fits.Document:
     """A closed-loop run: times in s, angles in deg, effort in N m."""
-    return fields(run, "name", "effects", "model_aid", "effects_known") | asdict(run.metrics)
+    return fits.fields(run, "name", "effects", "model_aid", "effects_known") | asdict(run.metrics)
 
 
-def export_document(name: str, file: str, made: VerifiedExport | VerifiedPlanarExport, guess: Assumptions) -> Document:
+def export_document(
+    name: str, file: str, made: run_export.VerifiedExport | run_export.VerifiedPlanarExport, guess: Assumptions
+) -> fits.Document:
     """The document of `rovid export --json`; percentages are of the range of a velocity in the manoeuvre."""
-    velocities = VELOCITIES if isinstance(made, VerifiedPlanarExport) else {"yaw_rate": "rad/s"}
-    document: Document = {
+    velocities = run_export.VELOCITIES if isinstance(made, run_export.VerifiedPlanarExport) else {"yaw_rate": "rad/s"}
+    document: fits.Document = {
         "schema": "rovid-export/1",
         "format": name,
         "file": file,
         "mismatch": _mismatch(made.mismatch),
         "mismatch_of_what_is_held": _mismatch(made.kept_mismatch),
-        "not_held": [fields(loss, "what", "why") | _percentages(loss) for loss in made.losses],
+        "not_held": [fits.fields(loss, "what", "why") | _percentages(loss) for loss in made.losses],
         "stability": _stability_document(made.stability, velocities),
-        **guess_document(guess),
-        "warnings": all_warnings(guess, made.warnings),
+        **fits.guess_document(guess),
+        "warnings": fits.all_warnings(guess, made.warnings),
     }
-    if isinstance(made, VerifiedPlanarExport):
+    if isinstance(made, run_export.VerifiedPlanarExport):
         return document | {"axes": PLANAR.name}
     return document | {"trim": [one._asdict() for one in made.trim]}
 
 
-def _stability_document(verdict: Stability, velocities: Collection[str]) -> Document:
+def _stability_document(verdict: Stability, velocities: Collection[str]) -> fits.Document:
     """The verdict on an exported model; its largest speeds by the names of the last ``velocities``."""
     return {
-        **fields(verdict, "stable", "step", "largest_stable_step"),
+        **fits.fields(verdict, "stable", "step", "largest_stable_step"),
         "time_to_rest": verdict.rest_time,
         "from": dict(zip(velocities, verdict.envelope[-len(velocities) :], strict=True)),
         "text": verdict.text,
     }
 
 
-def _mismatch(mismatch: Mismatch | PlanarMismatch) -> Document:
+def _mismatch(mismatch: Mismatch | run_export.PlanarMismatch) -> fits.Document:
     if isinstance(mismatch, Mismatch):
         return {"rms": mismatch.rms, **_percentages(mismatch), "unit": "rad/s"}
-    return {**_percentages(mismatch), "rms": dict(mismatch.rms), "unit": dict(VELOCITIES)}
+    return {**_percentages(mismatch), "rms": dict(mismatch.rms), "unit": dict(run_export.VELOCITIES)}
 
 
-def _percentages(difference: Mismatch | PlanarMismatch | ExportLoss | PlanarLoss) -> Document:
+def _percentages(
+    difference: Mismatch | run_export.PlanarMismatch | run_export.ExportLoss | run_export.PlanarLoss,
+) -> fits.Document:
     percent = difference.percent_of_range
     if not isinstance(percent, Mapping):
         percent = {"yaw_rate": percent}
     return {f"{name}_percent_of_range": value for name, value in percent.items()}
 
 
-def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
+def survey_document(survey: LogSurvey, written: Sequence[Path]) -> fits.Document:
     """The document of `rovid init --json`."""
     signals, commands, unused = {}, {}, {}
     for kind, mapping in survey.mappings.items():
@@ -242,7 +229,7 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
     return {
         "schema": "rovid-init/1",
         "written": list(map(str, written)),
-        **axis_document(survey.axis),
+        **fits.axis_document(survey.axis),
         "logs": survey.logs,
         "vehicle": None if survey.profile is None else {"type": survey.profile.id, "guessed": survey.profile_guessed},
         "curve": {"file": survey.curve or None, "guessed": survey.curve_guessed},
@@ -252,24 +239,24 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
         "commands": commands,
         "unused": unused,
         "open": [*survey.unrecognised, *(f"sense of {source}" for source in survey.unknown_directions)],
-        **guess_document(assumptions_in(survey)),
+        **fits.guess_document(assumptions_in(survey)),
         "warnings": list(survey.warnings),
     }
 
 
-def _guessed_commands(mapping: ColumnMapping) -> list[Document]:
+def _guessed_commands(mapping: ColumnMapping) -> list[fits.Document]:
     return [
-        fields(guess, "name", "source", "lowest", "highest", why="reason", rests_at="neutral")
+        fits.fields(guess, "name", "source", "lowest", "highest", why="reason", rests_at="neutral")
         | {"turns": guess.direction, "told": guess.direction_known, "arm": guess.arm or None}
-        | fields(guess.observed, standard_errors="t_statistic", share="explained_share")
+        | fits.fields(guess.observed, standard_errors="t_statistic", share="explained_share")
         for guess in mapping.commands
     ]
 
 
-def check_document(checked: LogCheck, vehicle: Vehicle) -> Document:
+def check_document(checked: LogCheck, vehicle: Vehicle) -> fits.Document:
     """The document of `rovid check --json`; positions in rad or m."""
     return shared_check_document(checked, vehicle) | {
-        **axis_document(vehicle.axis),
+        **fits.axis_document(vehicle.axis),
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
         "feedback": list(map(vars, checked.feedback)),
         "clocks": list(map(_clock_document, checked.clocks.offsets)),
@@ -277,28 +264,28 @@ def check_document(checked: LogCheck, vehicle: Vehicle) -> Document:
     }
 
 
-def shared_check_document(checked: LogCheck | PlanarCheck, vehicle: Vehicle) -> Document:
+def shared_check_document(checked: LogCheck | PlanarCheck, vehicle: Vehicle) -> fits.Document:
     """The part that the documents of all checks share."""
     return {
         "schema": "rovid-check/1",
-        **guess_document(vehicle.assumptions),
+        **fits.guess_document(vehicle.assumptions),
         "verdict": checked.verdict,
         "unreadable": [{"name": name, "problem": problem} for name, problem in checked.problems.items()],
-        "faults": fault_documents(checked.faults),
+        "faults": fits.fault_documents(checked.faults),
         "remarks": list(map(remark_document, checked.remarks)),
         "advice": list(map(vars, checked.advice)),
     }
 
 
-def _thruster_document(thruster: ThrusterCheck) -> Document:
+def _thruster_document(thruster: ThrusterCheck) -> fits.Document:
     """Direction and strength of a thruster as the logs show them."""
     observed = thruster.observed
-    strength = {"strength": fields(thruster, value="strength", standard_error="error")}
-    shown = fields(observed, way="direction", standard_errors="t_statistic", share="explained_share")
+    strength = {"strength": fits.fields(thruster, value="strength", standard_error="error")}
+    shown = fits.fields(observed, way="direction", standard_errors="t_statistic", share="explained_share")
     return {"name": thruster.name, **shown, **strength}
 
 
-def _clock_document(clock: ClockOffset) -> Document:
+def _clock_document(clock: ClockOffset) -> fits.Document:
     """Offset in s and drift in ppm of a file's clock, to be added to its times."""
     return {**vars(clock), "given": list(clock.given), "certain": clock.certain}
 

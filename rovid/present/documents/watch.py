@@ -8,30 +8,20 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import commands_by_name
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.documents.fits import Document, fields, fit_document, parameter_document
+from rovid.store import watch_session
 from rovid.store.folder_monitor import Problem, WatchedLog
-from rovid.store.watch_session import (
-    CriterionStatus,
-    Event,
-    LogsChanged,
-    LogsDiagnosed,
-    ModelFitted,
-    NextRun,
-    SessionEnded,
-    StopCriterion,
-    relative_half_width,
-)
 
 SCHEMA = "rovid-watch/1"
 
 
-def watch_start_document(folder: Path, until: Sequence[StopCriterion]) -> Document:
+def watch_start_document(folder: Path, until: Sequence[watch_session.StopCriterion]) -> Document:
     """The first document of a session."""
     return _line("start", {"folder": str(folder), "until": list(map(str, until))})
 
 
-def watch_documents(event: Event) -> list[Document]:
+def watch_documents(event: watch_session.Event) -> list[Document]:
     """The documents of an event; a change of logs has a document for each log."""
-    if isinstance(event, LogsChanged):
+    if isinstance(event, watch_session.LogsChanged):
         change = event.change
         logs = {"removed": change.removed, "replaced": change.replaced, "added": change.added}
         documents = [_log_document(action, log) for action, each in logs.items() for log in each]
@@ -39,9 +29,9 @@ def watch_documents(event: Event) -> list[Document]:
         if change.settings:
             documents.append({"action": "settings", "name": "rovid.toml"})
         return [_line("log", document) for document in documents]
-    if isinstance(event, ModelFitted):
+    if isinstance(event, watch_session.ModelFitted):
         return [_line("model", _model_document(event))]
-    if isinstance(event, LogsDiagnosed):
+    if isinstance(event, watch_session.LogsDiagnosed):
         document, extended = diagnosis_document(event.diagnosis, event.study), event.diagnosis.extended
         suspects_document = {
             "logs": _trial_names(event),
@@ -50,7 +40,7 @@ def watch_documents(event: Event) -> list[Document]:
             "until": _criteria(event.criteria),
         }
         return [_line("suspects", suspects_document)]
-    if isinstance(event, NextRun):
+    if isinstance(event, watch_session.NextRun):
         return [_line("next_run", _next_run_document(event))]
     if isinstance(event, Problem):
         return [_line("problem", {"where": event.where, "text": event.text, "over": event.resolved})]
@@ -72,7 +62,7 @@ def _log_document(action: str, log: WatchedLog) -> Document:
     }
 
 
-def _model_document(event: ModelFitted) -> Document:
+def _model_document(event: watch_session.ModelFitted) -> Document:
     fit = event.fit
     document: Document = {
         "logs": _trial_names(event),
@@ -102,18 +92,22 @@ def parameters_with_previous(estimate: Estimate, before: Estimate | None) -> dic
         previous = parameter_document(before)
     for name, document in documents.items():
         old = previous.get(name)
-        document |= {"relative_interval": relative_half_width(estimate, name), "before": old, "narrower": None}
+        document |= {
+            "relative_interval": watch_session.relative_half_width(estimate, name),
+            "before": old,
+            "narrower": None,
+        }
         if old is not None:
             document["narrower"] = width(old) / max(width(document), 1e-300)
     return documents
 
 
-def _trial_names(event: ModelFitted | LogsDiagnosed) -> list[str]:
+def _trial_names(event: watch_session.ModelFitted | watch_session.LogsDiagnosed) -> list[str]:
     campaign = event.study.campaign
     return [] if campaign is None else [trial.name for trial in campaign.trials]
 
 
-def _next_run_document(event: NextRun) -> Document:
+def _next_run_document(event: watch_session.NextRun) -> Document:
     plan = event.plan
     document: Document = dict.fromkeys(("seconds", "narrow", "between", "gain", "commands"))
     if plan is not None:
@@ -131,7 +125,7 @@ def _next_run_document(event: NextRun) -> Document:
     }
 
 
-def _end_document(event: SessionEnded) -> Document:
+def _end_document(event: watch_session.SessionEnded) -> Document:
     document: Document = {
         "reason": event.reason,
         "logs": [log.name for log in event.logs],
@@ -146,7 +140,7 @@ def _end_document(event: SessionEnded) -> Document:
     return document
 
 
-def _criteria(criteria: Sequence[CriterionStatus]) -> list[Document]:
+def _criteria(criteria: Sequence[watch_session.CriterionStatus]) -> list[Document]:
     documents = []
     for status in criteria:
         percent = None

@@ -45,14 +45,7 @@ from rovid.present.sentences import (
 from rovid.present.tables.fits import planar_parameters_table
 from rovid.present.tables.table import ResultTable
 from rovid.present.tables.trials import model_manoeuvre_tables, planar_simulation_table, run_manoeuvre_tables
-from rovid.present.terminal.planar import (
-    criterion_sentence,
-    fit_sentence,
-    planar_held_out_table,
-    prior_sentences,
-    simulation_sentence,
-    undetermined_sentences,
-)
+from rovid.present.terminal import planar
 from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy, planar_effect
 from rovid.store.study import input_files
@@ -135,7 +128,9 @@ def build_planar_report(
         after=before if full is base else study.simulate(full.model),
         missing=_missing(study, before, base, full),
         manoeuvres=model_manoeuvres(full, study.data),
-        headline=fit_sentence(full) if diagnosis is None else verdict_sentence(diagnosis, study.vehicle.assumptions),
+        headline=planar.fit_sentence(full)
+        if diagnosis is None
+        else verdict_sentence(diagnosis, study.vehicle.assumptions),
         diagnosis=diagnosis,
     )
     page = _write(folder, contents, claim, journal)
@@ -237,7 +232,7 @@ def _gain_table(diagnosis: PlanarDiagnosis | None) -> ResultTable | None:
     """Errors on held-out trials without and with the causes."""
     if diagnosis is None or diagnosis.base is None or diagnosis.extended is None:
         return None
-    return planar_held_out_table(diagnosis, diagnosis.base, diagnosis.extended)
+    return planar.planar_held_out_table(diagnosis, diagnosis.base, diagnosis.extended)
 
 
 def _manoeuvre_tables(report: PlanarReport) -> list[ResultTable]:
@@ -262,14 +257,14 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "minutes": sum(run.duration for run in study.data.runs) / 60.0,
         "runs": len(study.data.runs),
         "headline": report.headline,
-        "fit_sentence": fit_sentence(fit) if report.diagnosis else "",
-        "simulation_sentence": simulation_sentence(report.after),
-        "criterion": criterion_sentence(fit),
+        "fit_sentence": planar.fit_sentence(fit) if report.diagnosis else "",
+        "simulation_sentence": planar.simulation_sentence(report.after),
+        "criterion": planar.criterion_sentence(fit),
         "causes": list(map(_cause_words, causes)),
         "definitions": evidence_definitions(causes),
         "gain": _gain_table(report.diagnosis),
-        "undetermined": undetermined_sentences(fit),
-        "by_prior": prior_sentences(fit),
+        "undetermined": planar.undetermined_sentences(fit),
+        "by_prior": planar.prior_sentences(fit),
         "unknown": UNIDENTIFIABLE["thrust_scale"],
         "next_step": None
         if found is None

@@ -19,17 +19,7 @@ from rovid.diagnose.result import Finding
 from rovid.estimate.experiment_design import ExperimentPlan
 from rovid.model.model import Model
 from rovid.present.number_format import shorten_name
-from rovid.present.plots.canvas import (
-    BLACK,
-    BLUE,
-    GREY,
-    ORANGE,
-    PALE,
-    decimate_min_max,
-    panel_grid,
-    render_png,
-    report_style,
-)
+from rovid.present.plots import canvas
 from rovid.present.residuals import unexplained_torques
 from rovid.present.sentences import effect_title
 from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN, alternative_status
@@ -41,10 +31,10 @@ from rovid.trial.vehicle import Vehicle
 # Characters of a cause's name beside its bar.
 _NAME_LENGTH = 48
 _STATUS_LOOKS = {
-    "found": (BLUE, ""),
-    "not ruled out": (ORANGE, "///"),
-    "ruled out": (GREY, ""),
-    "depends on a signal": (PALE, "..."),
+    "found": (canvas.BLUE, ""),
+    "not ruled out": (canvas.ORANGE, "///"),
+    "ruled out": (canvas.GREY, ""),
+    "depends on a signal": (canvas.PALE, "..."),
 }
 # Controllers and plants to be drawn -> whether effects act, whether the model aids, whether the aid knows the effects.
 _WITH_EFFECTS = {
@@ -55,8 +45,8 @@ _WITH_EFFECTS = {
 _WITHOUT_EFFECTS = {"aided by the model": (False, True, False), "PD alone": (False, False, False)}
 # Duration of a step's plot in units of one over the bandwidth.
 _STEP_DURATION = 15.0
-_STEP_LOOKS = ((BLACK, "-"), (ORANGE, "--"), (BLUE, "-."))
-_MODEL_LOOKS = ((BLUE, "-"), (ORANGE, "--"))
+_STEP_LOOKS = ((canvas.BLACK, "-"), (canvas.ORANGE, "--"), (canvas.BLUE, "-."))
+_MODEL_LOOKS = ((canvas.BLUE, "-"), (canvas.ORANGE, "--"))
 _LEGEND_ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "borderaxespad": 0.0}
 _DRAG_STEPS = 200
 _DRAG_NAMES = ["quadratic_drag", "linear_drag"]
@@ -66,11 +56,11 @@ _NORMAL_95 = NormalDist().inv_cdf(0.975)
 _GROUPS, _READINGS = 24, 4000
 
 
-@report_style
+@canvas.report_style
 def plot_alternatives(finding: Finding) -> Figure:
     """Log-likelihood gain of a cause and of its best alternatives; those not ruled out are hatched."""
     bars = 1 + len(finding.alternatives[:ALTERNATIVES_SHOWN])
-    figure, ((panel,),) = panel_grid([(0.3 * bars + 0.15, 1)], left=3.8, right=0.55)
+    figure, ((panel,),) = canvas.panel_grid([(0.3 * bars + 0.15, 1)], left=3.8, right=0.55)
     draw_alternatives(panel, finding)
     figure.legend(*panel.get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
     return figure
@@ -94,7 +84,7 @@ def draw_alternatives(panel: Axes, finding: Finding) -> None:
     labels = [textwrap.fill(name, _NAME_LENGTH, max_lines=2, placeholder=" …") for name in names]
     panel.set_yticks(range(len(names)), labels)
     panel.set_ylim(len(names) - 0.5, -0.5)
-    panel.axvline(0.0, color=BLACK, linewidth=0.8)
+    panel.axvline(0.0, color=canvas.BLACK, linewidth=0.8)
     panel.margins(x=0.08)
     panel.set_xlabel("log-likelihood gain after the parameter penalty")
     panel.grid(visible=False, axis="y")
@@ -110,33 +100,35 @@ def paper_step_runs(design: ControllerDesign) -> dict[str, dict[str, ClosedLoopR
     return {step.name: {way: runs[step.name, *key] for way, key in ways.items()} for step in paper_runs()}
 
 
-@report_style
+@canvas.report_style
 def plot_closed_loop(steps: Mapping[str, Mapping[str, ClosedLoopRun]], bandwidth: float) -> Figure:
     """Heading and torque of each step; ``bandwidth`` in rad/s sets the duration that is shown."""
-    figure, panels = panel_grid([(1.5, 2)] * len(steps), top=0.55, across=0.95, down=0.55)
+    figure, panels = canvas.panel_grid([(1.5, 2)] * len(steps), top=0.55, across=0.95, down=0.55)
     for (heading, torque), (name, ways) in zip(panels, steps.items(), strict=True):
         for (way, run), (colour, dashes) in zip(ways.items(), _STEP_LOOKS, strict=False):
             early = run.time <= _STEP_DURATION / bandwidth
             time = run.time[early]
-            heading.plot(*decimate_min_max(time, np.degrees(run.heading[early])), dashes, color=colour, label=way)
-            torque.step(*decimate_min_max(time, run.torque[early]), dashes, where="post", color=colour)
-        heading.plot(time, np.degrees(run.setpoint[early]), ":", color=GREY, linewidth=1.8, label="set point")
+            heading.plot(
+                *canvas.decimate_min_max(time, np.degrees(run.heading[early])), dashes, color=colour, label=way
+            )
+            torque.step(*canvas.decimate_min_max(time, run.torque[early]), dashes, where="post", color=colour)
+        heading.plot(time, np.degrees(run.setpoint[early]), ":", color=canvas.GREY, linewidth=1.8, label="set point")
         heading.set_title(name)
         heading.set_ylabel("heading, deg")
         torque.set_ylabel("torque, N m")
-        torque.axhline(0.0, color=BLACK, linewidth=0.8)
+        torque.axhline(0.0, color=canvas.BLACK, linewidth=0.8)
     for panel in panels[-1]:
         panel.set_xlabel("time, s")
     figure.legend(*panels[0][0].get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
     return figure
 
 
-@report_style
+@canvas.report_style
 def plot_plan(plan: ExperimentPlan, axis: Axis) -> Figure:
     """Commands and predicted rates of the best run; the difference of two models next to the effect of disturbance."""
     discriminates = len(plan.models) > 1
     rows = [(1.4, 1), (2.0, 1), (1.4, 1)]
-    figure, panels = panel_grid(rows[: 2 + discriminates], left=1.05, down=0.42, top=0.75, share_x=True)
+    figure, panels = canvas.panel_grid(rows[: 2 + discriminates], left=1.05, down=0.42, top=0.75, share_x=True)
     (command,), (rate,), *more = panels
     best, run = plan.best, plan.best.run
     draw_commands(command, plan)
@@ -150,8 +142,8 @@ def plot_plan(plan: ExperimentPlan, axis: Axis) -> Figure:
         rate.legend(**_LEGEND_ABOVE, ncols=2)
     for (difference,) in more:
         band = plan.disturbance_rate
-        difference.axhspan(-band, band, color=PALE, alpha=0.5, label="effect of the disturbance, ± one sd")
-        difference.plot(run.time, best.rates[0] - best.rates[1], color=BLACK, linewidth=1.0, label="difference")
+        difference.axhspan(-band, band, color=canvas.PALE, alpha=0.5, label="effect of the disturbance, ± one sd")
+        difference.plot(run.time, best.rates[0] - best.rates[1], color=canvas.BLACK, linewidth=1.0, label="difference")
         difference.set_ylabel(f"difference,\n{axis.rate_unit}")
         difference.legend(**_LEGEND_ABOVE, ncols=2)
     panels[-1][0].set_xlabel("time, s")
@@ -162,7 +154,7 @@ def draw_commands(panel: Axes, plan: ExperimentPlan) -> None:
     """Draw the commands of the best run."""
     # Four kinds of dashes in each of two colours distinguish eight thrusters.
     for place, name in enumerate(plan.thrusters):
-        dashes, colour = ("-", "--", ":", "-.")[place % 4], (BLACK, GREY)[place // 4 % 2]
+        dashes, colour = ("-", "--", ":", "-.")[place % 4], (canvas.BLACK, canvas.GREY)[place // 4 % 2]
         time, commands = plan.best.run.time, plan.best.run.commands[:, place]
         panel.step(time, commands, dashes, where="post", color=colour, linewidth=1.0, label=name)
     panel.set_ylabel("command")
@@ -170,16 +162,16 @@ def draw_commands(panel: Axes, plan: ExperimentPlan) -> None:
 
 def plan_picture(plan: ExperimentPlan, axis: Axis) -> bytes:
     """The plot of a plan as PNG."""
-    return render_png(plot_plan(plan, axis), "plan")
+    return canvas.render_png(plot_plan(plan, axis), "plan")
 
 
-@report_style
+@canvas.report_style
 def plot_ratios(changes: DifferenceTest, titles: Mapping[str, str]) -> Figure | None:
     """B over A of each parameter with its 95 % interval; None where no ratio is known."""
     known = _known_ratios(changes)
     if not known:
         return None
-    figure, ((panel,),) = panel_grid([(0.42 * len(known) + 0.3, 1)], left=2.4, top=0.15)
+    figure, ((panel,),) = canvas.panel_grid([(0.42 * len(known) + 0.3, 1)], left=2.4, top=0.15)
     draw_ratios(panel, changes, titles)
     return figure
 
@@ -193,15 +185,15 @@ def draw_ratios(panel: Axes, changes: DifferenceTest, titles: Mapping[str, str])
     known = _known_ratios(changes)
     for row, (name, (value, error)) in enumerate(known.items()):
         changed = any(name in change.candidate.parameters for change in changes.established)
-        colour, filled = (ORANGE, ORANGE) if changed else (BLACK, "white")
+        colour, filled = (canvas.ORANGE, canvas.ORANGE) if changed else (canvas.BLACK, "white")
         panel.errorbar(value, row, xerr=_NORMAL_95 * error, fmt="o", capsize=3, color=colour, markerfacecolor=filled)
-    panel.axvline(1.0, color=GREY, linestyle="--")
+    panel.axvline(1.0, color=canvas.GREY, linestyle="--")
     panel.set_yticks(range(len(known)), [titles[name] for name in known])
     panel.set_ylim(len(known) - 0.5, -0.5)
     panel.set_xlabel("B over A, share of 1, with 95 % interval")
 
 
-@report_style
+@canvas.report_style
 def plot_drag(changes: DifferenceTest, fastest: float, axis: Axis) -> Figure | None:
     """Drag of A and of B against the rate up to ``fastest``, with 95 % bands; None where one is not known."""
     pair = changes.pair
@@ -209,12 +201,12 @@ def plot_drag(changes: DifferenceTest, fastest: float, axis: Axis) -> Figure | N
         return None
     places = list(map(pair.names.index, _DRAG_NAMES))
     block = np.ix_(places, places)
-    figure, ((top,), (bottom,)) = panel_grid([(3.0, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
+    figure, ((top,), (bottom,)) = canvas.panel_grid([(3.0, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
     rate = np.linspace(0.0, fastest, _DRAG_STEPS)
-    _plot_band(top, rate, pair.a[places], pair.covariance_a[block], (BLUE, "-", "A, 95 % band"))
-    _plot_band(top, rate, pair.b[places], pair.covariance_b[block], (ORANGE, "--", "B, 95 % band"))
-    _plot_band(bottom, rate, pair.difference[places], pair.covariance[block], (BLACK, "-", "B less A"))
-    bottom.axhline(0.0, color=GREY, linestyle="--")
+    _plot_band(top, rate, pair.a[places], pair.covariance_a[block], (canvas.BLUE, "-", "A, 95 % band"))
+    _plot_band(top, rate, pair.b[places], pair.covariance_b[block], (canvas.ORANGE, "--", "B, 95 % band"))
+    _plot_band(bottom, rate, pair.difference[places], pair.covariance[block], (canvas.BLACK, "-", "B less A"))
+    bottom.axhline(0.0, color=canvas.GREY, linestyle="--")
     top.set_ylabel(f"drag, {axis.force_unit}")
     bottom.set_ylabel(f"B less A, {axis.force_unit}")
     bottom.set_xlabel(f"{axis.rate_words}, {axis.rate_unit}")
@@ -235,25 +227,25 @@ def _plot_band(
     panel.plot(rate, line, dashes, color=colour, label=name)
 
 
-@report_style
+@canvas.report_style
 def plot_fault(fault: Fault) -> Figure:
     """The signal around a ``fault`` with an excerpt, sample by sample, and the instants of the fault."""
     excerpt = fault.excerpt
     if excerpt is None:
         msg = f"{fault.fault} has no excerpt"
         raise ValueError(msg)
-    figure, ((axes,),) = panel_grid([(1.4, 1)], left=0.7, right=0.18, top=0.3, bottom=0.45, width=7.2)
-    axes.plot(excerpt.time, excerpt.displayed, ".-", color=BLACK, markersize=3.0, linewidth=0.7)
+    figure, ((axes,),) = canvas.panel_grid([(1.4, 1)], left=0.7, right=0.18, top=0.3, bottom=0.45, width=7.2)
+    axes.plot(excerpt.time, excerpt.displayed, ".-", color=canvas.BLACK, markersize=3.0, linewidth=0.7)
     for instant in fault.at:
         if excerpt.time.min() <= instant <= excerpt.time.max():
-            axes.axvline(instant, color=ORANGE, linewidth=1.0)
+            axes.axvline(instant, color=canvas.ORANGE, linewidth=1.0)
     axes.set_title(fault.title, loc="left")
     axes.set_xlabel("time, s")
     axes.set_ylabel(excerpt.label)
     return figure
 
 
-@report_style
+@canvas.report_style
 def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle: Vehicle) -> Figure:
     """Unexplained torque of the model without the formula, means of groups of readings, and the formula."""
     law, signal, residual = _law_and_residual(found, formula, runs, formula.without, vehicle)
@@ -261,15 +253,15 @@ def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle
     x = signal if alone else law
     known = np.isfinite(x) & np.isfinite(residual)
     x, law, residual = x[known], law[known], residual[known]
-    figure, ((panel,),) = panel_grid([(3.2, 1)])
+    figure, ((panel,),) = canvas.panel_grid([(3.2, 1)])
     some = slice(None, None, max(len(x) // _READINGS, 1))
-    panel.plot(x[some], residual[some], ".", markersize=2, color=GREY, alpha=0.4)
+    panel.plot(x[some], residual[some], ".", markersize=2, color=canvas.GREY, alpha=0.4)
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _GROUPS + 1)))
     group = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
     means = [(x[group == k].mean(), residual[group == k].mean()) for k in np.unique(group)]
-    panel.plot(*zip(*means, strict=True), "o", color=BLUE, label="mean of unexplained torque")
+    panel.plot(*zip(*means, strict=True), "o", color=canvas.BLUE, label="mean of unexplained torque")
     order = np.argsort(x)
-    panel.plot(x[order], law[order], color=ORANGE, label="formula")
+    panel.plot(x[order], law[order], color=canvas.ORANGE, label="formula")
     units = found.grammar.units if found.grammar else {}
     own = formula.signals[0] if formula.signals else ""
     panel.set_xlabel(f"{own.replace('_', ' ')}, {units[own]}" if alone else "torque of the formula, N m")
@@ -280,7 +272,7 @@ def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle
 
 def formula_picture(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle: Vehicle) -> bytes:
     """`plot_formula` as PNG."""
-    return render_png(plot_formula(found, formula, runs, vehicle), "formula")
+    return canvas.render_png(plot_formula(found, formula, runs, vehicle), "formula")
 
 
 def _law_and_residual(

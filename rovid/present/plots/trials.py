@@ -13,6 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rovid.core.array_types import FloatArray
 from rovid.model.simulation import TrialSimulation
+from rovid.present import residuals
 from rovid.present.number_format import shorten_name
 from rovid.present.plots.canvas import (
     BLACK,
@@ -25,19 +26,6 @@ from rovid.present.plots.canvas import (
     panel_grid,
     plot_overlay,
     report_style,
-)
-from rovid.present.residuals import (
-    BinMeans,
-    MissingTorque,
-    ResidualTorque,
-    all_rates,
-    all_residuals,
-    all_thruster_torques,
-    autocorrelation,
-    bin_means,
-    independent_share,
-    spectrum,
-    white_band,
 )
 from rovid.trial.axis import Axis
 
@@ -57,13 +45,13 @@ _LOOKS = (("plain model", ORANGE, "--", "s"), ("extended model", BLUE, "-", "o")
 
 
 @report_style
-def plot_residuals(items: Sequence[ResidualTorque], cutoff: float) -> Figure:
+def plot_residuals(items: Sequence[residuals.ResidualTorque], cutoff: float) -> Figure:
     """Residual torque against rate, torque and time, its autocorrelation and its spectrum."""
     figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = _five_panels()
-    residual = all_residuals(items)
-    share = independent_share([item.run for item in items], cutoff)
-    _scatter(by_rate, all_rates(items), residual, share)
-    _scatter(by_torque, all_thruster_torques(items), residual, share)
+    residual = residuals.all_residuals(items)
+    share = residuals.independent_share([item.run for item in items], cutoff)
+    _scatter(by_rate, residuals.all_rates(items), residual, share)
+    _scatter(by_torque, residuals.all_thruster_torques(items), residual, share)
     legend = _label_residuals(by_rate, by_torque, items[0].run.trial.axis, "residual")
     legend.get_lines()[0].set(markersize=7, alpha=1.0)
     _plot_course(course, items, (BLUE, GREY))
@@ -74,16 +62,16 @@ def plot_residuals(items: Sequence[ResidualTorque], cutoff: float) -> Figure:
 
 @report_style
 def plot_residual_comparison(
-    before: Sequence[ResidualTorque], after: Sequence[ResidualTorque], cutoff: float
+    before: Sequence[residuals.ResidualTorque], after: Sequence[residuals.ResidualTorque], cutoff: float
 ) -> Figure:
     """The panels of `plot_residuals` without and with the causes; means in place of the points."""
     figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = _five_panels()
-    drivers = ((by_rate, all_rates(before)), (by_torque, all_thruster_torques(before)))
-    share = independent_share([item.run for item in before], cutoff)
+    drivers = ((by_rate, residuals.all_rates(before)), (by_torque, residuals.all_thruster_torques(before)))
+    share = residuals.independent_share([item.run for item in before], cutoff)
     for items, (label, colour, dashes, marker) in zip((before, after), _LOOKS, strict=True):
         line: dict[str, Any] = {"color": colour, "linestyle": dashes}
         for panel, driver in drivers:
-            means = bin_means(driver, all_residuals(items), _MEANS, _FEWEST, share)
+            means = residuals.bin_means(driver, residuals.all_residuals(items), _MEANS, _FEWEST, share)
             _plot_means(panel, means, **line, marker=marker, label=label)
         _plot_course(course, items, (colour,))
         _plot_autocorrelation(lags, items, cutoff, **line)
@@ -105,7 +93,7 @@ def _label_residuals(by_rate: Axes, by_torque: Axes, axis: Axis, quantity: str) 
     return by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
 
 
-def _plot_means(panel: Axes, means: BinMeans, **look: Any) -> None:
+def _plot_means(panel: Axes, means: residuals.BinMeans, **look: Any) -> None:
     """Means with their standard errors."""
     panel.errorbar(means.driver, means.mean, yerr=means.error, markersize=4, elinewidth=1.0, capsize=2, **look)
 
@@ -127,11 +115,11 @@ def _scatter(panel: Axes, driver: FloatArray, residual: FloatArray, independent:
         label="samples",
     )
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
-    means = bin_means(driver, residual, _MEANS, _FEWEST, independent)
+    means = residuals.bin_means(driver, residual, _MEANS, _FEWEST, independent)
     _plot_means(panel, means, color=ORANGE, marker="o", label="mean ± standard error")
 
 
-def _plot_course(panel: Axes, items: Sequence[ResidualTorque], colours: Sequence[str]) -> None:
+def _plot_course(panel: Axes, items: Sequence[residuals.ResidualTorque], colours: Sequence[str]) -> None:
     """Residual torque of all runs one after another, in alternating colours."""
     clock, samples = 0.0, sum(len(item.residual) for item in items)
     total = sum(float(np.ptp(item.run.rates.time)) for item in items)
@@ -151,12 +139,12 @@ def _plot_course(panel: Axes, items: Sequence[ResidualTorque], colours: Sequence
     panel.margins(x=0.01)
 
 
-def _plot_autocorrelation(panel: Axes, items: Sequence[ResidualTorque], cutoff: float, **look: Any) -> None:
+def _plot_autocorrelation(panel: Axes, items: Sequence[residuals.ResidualTorque], cutoff: float, **look: Any) -> None:
     """Autocorrelation, with the 95 % band of white noise."""
     # Lags beyond half a run leave too few pairs of samples.
     longest = min(_LONGEST_LAG, 0.5 * max(float(np.ptp(item.run.rates.time)) for item in items))
-    panel.plot(*autocorrelation(items, longest), **look)
-    band = white_band(items, cutoff)
+    panel.plot(*residuals.autocorrelation(items, longest), **look)
+    band = residuals.white_band(items, cutoff)
     if not panel.patches:
         panel.axhspan(-band, band, color=GREY, alpha=0.25, linewidth=0.0, label="white noise, 95 %")
         panel.axhline(0.0, color=BLACK, linewidth=0.8)
@@ -164,10 +152,10 @@ def _plot_autocorrelation(panel: Axes, items: Sequence[ResidualTorque], cutoff: 
     panel.set(xlabel="lag, s", ylabel="autocorrelation", xlim=(0.0, longest), ylim=(-0.6, 1.05))
 
 
-def _plot_spectrum(panel: Axes, items: Sequence[ResidualTorque], cutoff: float, **look: Any) -> None:
+def _plot_spectrum(panel: Axes, items: Sequence[residuals.ResidualTorque], cutoff: float, **look: Any) -> None:
     unit = items[0].run.trial.axis.force_unit
     squared = f"({unit})²" if " " in unit else f"{unit}²"
-    panel.semilogy(*spectrum(items, cutoff), **look)
+    panel.semilogy(*residuals.spectrum(items, cutoff), **look)
     panel.set(xlabel="frequency, Hz", ylabel=f"density, {squared}/Hz", xlim=(0.0, cutoff))
     drawn = np.concatenate([np.asarray(line.get_ydata(), dtype=np.float64) for line in panel.get_lines()])
     # Within two decades powers of ten alone would give too few labels.
@@ -178,7 +166,7 @@ def _plot_spectrum(panel: Axes, items: Sequence[ResidualTorque], cutoff: float, 
 
 
 @report_style
-def plot_missing_torque(item: MissingTorque, axis: Axis) -> Figure:
+def plot_missing_torque(item: residuals.MissingTorque, axis: Axis) -> Figure:
     """Torque that the model misses without one cause: readings, their means, and the equation."""
     rows = [(_MISSING_HEIGHT, 1)]
     figure, ((panel,),) = panel_grid(rows, left=0.8, top=0.32, bottom=0.5, width=_MISSING_WIDTH)
@@ -191,7 +179,7 @@ def plot_missing_torque(item: MissingTorque, axis: Axis) -> Figure:
     line, values = item.line
     over_time = item.driver.startswith("time in ") and line is item.driver_values
     if not over_time:
-        means = bin_means(x, y, _MEANS, _FEWEST, item.independent)
+        means = residuals.bin_means(x, y, _MEANS, _FEWEST, item.independent)
         _plot_means(panel, means, fmt="o", color=BLUE, label="their mean ± standard error", zorder=3)
     finite = np.isfinite(line) & np.isfinite(values)
     panel.plot(line[finite], values[finite], color=ORANGE, linewidth=2.0, label="the equation", zorder=2)

@@ -8,37 +8,12 @@ from rich.text import Text
 from rovid.compare.comparison import Comparison
 from rovid.control.design import ControllerDesign
 from rovid.core.formatting import labelled_text, plus_minus
+from rovid.diagnose import result
 from rovid.diagnose.effect_trial import EffectTrial
 from rovid.diagnose.formulas.discovery import Discovery, units_of
-from rovid.diagnose.result import (
-    Conclusion,
-    Diagnosis,
-    Finding,
-    ModelAssessment,
-    discriminating_experiment,
-    next_experiment,
-    not_identifiable,
-)
+from rovid.present import sentences
 from rovid.present.console import VERDICT_STYLES, print_labelled, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.diagnosis import all_faults
-from rovid.present.sentences import (
-    EXTENDED_MODEL,
-    PLAIN_MODEL,
-    between_command,
-    cause_name,
-    cause_title,
-    comparison_headline,
-    comparison_sentences,
-    control_verdict,
-    effect_title,
-    evidence_definitions,
-    evidence_words,
-    improvement_words,
-    join_words,
-    next_step,
-    other_causes,
-    verdict_sentence,
-)
 from rovid.present.tables.control import gains_table, runs_table
 from rovid.present.tables.diagnosis import (
     challengers_table,
@@ -64,7 +39,7 @@ _KINDS = {"nothing_found": "pass", "found": "pass", "bad_logs": "fail"}
 _SMALL_SHARE = 0.01
 
 
-def show_study_diagnosis(console: Console, diagnosis: Diagnosis, study: Study) -> None:
+def show_study_diagnosis(console: Console, diagnosis: result.Diagnosis, study: Study) -> None:
     """Print a diagnosis with the guesses, faults and remarks of the ``study``."""
     show_caution(console, study.vehicle.assumptions)
     show_other_faults(console, diagnosis, all_faults(diagnosis, study))
@@ -72,28 +47,33 @@ def show_study_diagnosis(console: Console, diagnosis: Diagnosis, study: Study) -
     show_warnings(console, [*study.remarks(), *diagnosis.warnings])
 
 
-def show_other_faults(console: Console, diagnosis: Conclusion, faults: Sequence[Fault]) -> None:
+def show_other_faults(console: Console, diagnosis: result.Conclusion, faults: Sequence[Fault]) -> None:
     """Print the faults without those that stop, which the verdict on bad logs repeats."""
     told = diagnosis.verdict == "bad_logs"
     show_faults(console, [fault for fault in faults if not (told and fault.stops)])
 
 
-def show_verdict(console: Console, diagnosis: Conclusion, guess: Assumptions) -> None:
+def show_verdict(console: Console, diagnosis: result.Conclusion, guess: Assumptions) -> None:
     """Print the verdict, coloured."""
     style = VERDICT_STYLES[_KINDS.get(diagnosis.verdict, "warn")]
-    print_labelled(console, verdict_sentence(diagnosis, guess), style=style)
+    print_labelled(console, sentences.verdict_sentence(diagnosis, guess), style=style)
 
 
-def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
+def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehicle) -> None:
     """Print the verdict, the causes with their evidence, the improvement, and the next run."""
     axis, guess = vehicle.axis, vehicle.assumptions
     show_verdict(console, diagnosis, guess)
     if diagnosis.extended is not None:
-        print_text(console, f"{PLAIN_MODEL} {EXTENDED_MODEL}" if diagnosis.extended.model.effects else PLAIN_MODEL)
+        print_text(
+            console,
+            f"{sentences.PLAIN_MODEL} {sentences.EXTENDED_MODEL}"
+            if diagnosis.extended.model.effects
+            else sentences.PLAIN_MODEL,
+        )
     if diagnosis.missing:
         print_text(console, diagnosis.missing)
     if diagnosis.verdict == "bad_logs":
-        print_labelled(console, "Next:", str(next_step(diagnosis, next_experiment(diagnosis), guess)))
+        print_labelled(console, "Next:", str(sentences.next_step(diagnosis, result.next_experiment(diagnosis), guess)))
         return
     if diagnosis.from_tables is not None:
         predictions_table(diagnosis.from_tables).print(console, guess)
@@ -103,7 +83,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
             print_text(console, f"would not explain the tables alone: {ruled_out_names(diagnosis.from_tables)}")
     for finding in diagnosis.causes:
         show_finding(console, finding)
-    for sentence in evidence_definitions(diagnosis.causes):
+    for sentence in sentences.evidence_definitions(diagnosis.causes):
         print_text(console, sentence)
     if diagnosis.challengers:
         console.print()
@@ -119,14 +99,14 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         print_text(console, f"left unexplained: {share:.2g} % of the {axis.force_name}'s variance ({size})")
     if diagnosis.verdict == "nothing_found":
         detectable_table(diagnosis, vehicle).print(console, guess)
-    unidentifiable = not_identifiable(vehicle, diagnosis)
+    unidentifiable = result.not_identifiable(vehicle, diagnosis)
     print_text(console, f"cannot be found from these data: {'; '.join(unidentifiable.values())}")
     if "thrust_scale" in unidentifiable and vehicle.thrusters:
         print_text(console, "A pull, a lift or a step of inertia determines the factor on all thrust: fit-thrust-scale")
-    print_labelled(console, "Next:", str(next_step(diagnosis, next_experiment(diagnosis), guess)))
+    print_labelled(console, "Next:", str(sentences.next_step(diagnosis, result.next_experiment(diagnosis), guess)))
 
 
-def _show_unexplained(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
+def _show_unexplained(console: Console, diagnosis: result.Diagnosis, axis: Axis) -> None:
     """Print the signals that the remaining error follows."""
     for signal, gain in diagnosis.signals:
         console.print()
@@ -136,7 +116,7 @@ def _show_unexplained(console: Console, diagnosis: Diagnosis, axis: Axis) -> Non
         print_text(console, "`rovid discover LOGS` searches for a formula of the unexplained torque.")
 
 
-def show_finding(console: Console, finding: Finding) -> None:
+def show_finding(console: Console, finding: result.Finding) -> None:
     """Print a cause with its parameters, its evidence, and the run that decides between alternatives."""
     effect, estimate = finding.effect, finding.estimate
     sizes = []
@@ -147,28 +127,30 @@ def show_finding(console: Console, finding: Finding) -> None:
         title = estimate.axis.reword(parameter.name.replace("_", " "))
         sizes.append(f"{title} {guessed}{value} {estimate.unit(name)}".removesuffix(" 1"))
     console.print()
-    name = cause_name(finding)
+    name = sentences.cause_name(finding)
     print_labelled(console, f"{name[:1].upper()}{name[1:]}:", ", ".join(sizes))
     if caveat := estimate.assumptions.effect_caveat(effect.id):
         print_text(console, Text(f"  {caveat}", style="red"), 2)
-    print_text(console, f"  {evidence_words(finding)}", 2)
+    print_text(console, f"  {sentences.evidence_words(finding)}", 2)
     print_text(console, f"  equation: {effect.equation}", 2)
     evidence = f"log-likelihood gain: {finding.bic_gain:.0f} after the parameter penalty"
-    if others := other_causes(finding)[:_ALTERNATIVES_SHOWN]:
+    if others := sentences.other_causes(finding)[:_ALTERNATIVES_SHOWN]:
         gains = [f"{estimate.axis.reword(other.effect.title)} {other.bic_gain:.0f}" for other in others]
         evidence += f"; by alternative causes: {', '.join(gains)}"
     print_text(console, f"  {evidence}", 2)
-    decides = discriminating_experiment(finding)
+    decides = result.discriminating_experiment(finding)
     if decides is None:
         return
     verb = "decides" if "commands" in decides else "may decide"
     print_text(console, f"  these data do not distinguish the causes; this run {verb}: {decides['run']}", 2)
     if "commands" in decides:
-        command = labelled_text(between_command(decides), "writes it")
+        command = labelled_text(sentences.between_command(decides), "writes it")
         console.print(f"  in {decides['minutes']:.1f} min;", command, highlight=False)
 
 
-def _show_improvement(console: Console, diagnosis: Diagnosis, base: ModelAssessment, extended: ModelAssessment) -> None:
+def _show_improvement(
+    console: Console, diagnosis: result.Diagnosis, base: result.ModelAssessment, extended: result.ModelAssessment
+) -> None:
     """Print the errors on held-out trials without and with the causes."""
     axis, one, other = base.estimate.axis, base.held_out, extended.held_out
     errors = {}
@@ -180,29 +162,29 @@ def _show_improvement(console: Console, diagnosis: Diagnosis, base: ModelAssessm
     errors[f"{axis.rate_words} error"] = (one.rate_rmse, other.rate_rmse)
     console.print()
     if extended.model.effects:
-        print_labelled(console, "Gain on trials that were not fitted:", improvement_words(errors))
+        print_labelled(console, "Gain on trials that were not fitted:", sentences.improvement_words(errors))
     held_out_table(diagnosis, base, extended).print(console, base.estimate.assumptions)
 
 
 def show_comparison(console: Console, comparison: Comparison, guess: Assumptions, warnings: Sequence[str]) -> None:
     """Print the result of a comparison, its tables, and the causes of both campaigns."""
     show_caution(console, guess)
-    print_labelled(console, comparison_headline(comparison))
-    for sentence in comparison_sentences(comparison):
+    print_labelled(console, sentences.comparison_headline(comparison))
+    for sentence in sentences.comparison_sentences(comparison):
         print_text(console, sentence)
     console.print()
     for table in (changes_table(comparison, guess), ratios_table(comparison), cross_prediction_table(comparison)):
         if table is not None:
             table.print(console, guess)
     for side, campaign, causes in zip("AB", (comparison.a, comparison.b), comparison.causes, strict=True):
-        titles = join_words(list(map(cause_title, causes))) or "none"
+        titles = sentences.join_words(list(map(sentences.cause_title, causes))) or "none"
         print_text(console, f"{side} is {campaign.name}; causes: {titles}")
     show_warnings(console, [*comparison.warnings, *warnings])
 
 
 def show_control(console: Console, design: ControllerDesign, guess: Assumptions) -> None:
     """Print gains, margins and closed-loop runs."""
-    for text, kind in control_verdict(design):
+    for text, kind in sentences.control_verdict(design):
         print_labelled(console, text, style=VERDICT_STYLES[kind])
     gains_table(design, guess).print(console, guess)
     if design.spread is not None:
@@ -213,8 +195,8 @@ def show_control(console: Console, design: ControllerDesign, guess: Assumptions)
     if design.runs:
         runs_table(design).print(console, guess)
     if design.model.effects:
-        titles = [effect_title(effect, design.model.axis) for effect in design.model.effects]
-        print_text(console, f"effects of the model: {join_words(titles)}")
+        titles = [sentences.effect_title(effect, design.model.axis) for effect in design.model.effects]
+        print_text(console, f"effects of the model: {sentences.join_words(titles)}")
 
 
 # Effects of the catalogue that are listed.
@@ -224,7 +206,7 @@ _SHOWN = 5
 def show_effect_trial(console: Console, found: EffectTrial, warnings: list[str]) -> None:
     """Print the gains of the tried effect next to each model, and the largest gains of the catalogue."""
     for one in found.tried:
-        beside = join_words(list(map(cause_title, one.beside))) or "the plain model"
+        beside = sentences.join_words(list(map(sentences.cause_title, one.beside))) or "the plain model"
         print_labelled(console, one.effect.key, f"next to {beside}: {one.effect.equation}")
         values = []
         for parameter in one.effect.parameters:
@@ -234,7 +216,7 @@ def show_effect_trial(console: Console, found: EffectTrial, warnings: list[str])
         print_text(console, f"  {', '.join(values)}", 2)
         gains = f"{one.gain:.0f} after the parameter penalty, {one.held_out_gain:.0f} on trials that were not fitted"
         print_text(console, f"  log-likelihood gain: {gains}", 2)
-    best = [f"{cause_title(name)} {gain:.0f}" for name, gain in list(found.others.items())[:_SHOWN]]
+    best = [f"{sentences.cause_title(name)} {gain:.0f}" for name, gain in list(found.others.items())[:_SHOWN]]
     print_text(console, f"Gains of the catalogue next to the plain model: {', '.join(best) or 'none'}.")
     show_warnings(console, warnings)
 
@@ -244,7 +226,7 @@ def show_discovery(console: Console, found: Discovery) -> None:
     if found.missing:
         print_text(console, f"Too little data: {found.missing}")
         return
-    causes = join_words(list(map(cause_title, found.causes)))
+    causes = sentences.join_words(list(map(sentences.cause_title, found.causes)))
     print_text(console, f"Causes of the catalogue that the diagnosis selects: {causes or 'none'}.")
     if not found.formulas:
         print_text(console, "No formula of the logged and derived signals predicts the unexplained torque.")
@@ -259,7 +241,7 @@ def show_discovery(console: Console, found: Discovery) -> None:
         ]
         print_labelled(console, "Torque in N m:", formula.text)
         print_text(console, f"  {', '.join(values)}", 2)
-        beside = join_words(list(map(cause_title, formula.beside)))
+        beside = sentences.join_words(list(map(sentences.cause_title, formula.beside)))
         print_text(
             console,
             f"  log-likelihood gain {formula.gain:.0f} next to {beside or 'the plain model'}, "
@@ -272,5 +254,7 @@ def show_discovery(console: Console, found: Discovery) -> None:
             f"that were not fitted; selected in {100.0 * formula.inclusion:.0f} % of bootstrap draws",
             2,
         )
-        nearest = f"similar to {cause_title(formula.nearest)}" if formula.nearest else "similar to no named effect"
+        nearest = (
+            f"similar to {sentences.cause_title(formula.nearest)}" if formula.nearest else "similar to no named effect"
+        )
         print_text(console, f"  {nearest}")

@@ -13,17 +13,8 @@ from rovid.present.documents.watch import parameters_with_previous
 from rovid.present.number_format import DASH, format_number
 from rovid.present.sentences import cause_name, evidence_words, join_words, verdict_sentence
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
+from rovid.store import watch_session
 from rovid.store.folder_monitor import Problem, WatchedLog
-from rovid.store.watch_session import (
-    CriterionStatus,
-    Event,
-    LogsChanged,
-    LogsDiagnosed,
-    ModelFitted,
-    NextRun,
-    SessionEnded,
-    StopCriterion,
-)
 from rovid.trial.fault import stopping
 
 # Ratio of the 95 % intervals before and after a log from which the log is said to narrow them.
@@ -31,7 +22,7 @@ _NARROWER = 1.05
 
 
 def show_watch_start(
-    console: Console, folder: Path, until: Sequence[StopCriterion], interval: float, *, once: bool
+    console: Console, folder: Path, until: Sequence[watch_session.StopCriterion], interval: float, *, once: bool
 ) -> None:
     """Print which folder is watched, and what ends the session."""
     if once:
@@ -42,15 +33,15 @@ def show_watch_start(
     print_labelled(console, "Watching", f"{folder}, every {interval:g} s, {end}.")
 
 
-def show_watch_event(console: Console, event: Event, *, at: datetime | None = None) -> None:
+def show_watch_event(console: Console, event: watch_session.Event, *, at: datetime | None = None) -> None:
     """Print an event, with its time of day where one is given."""
-    if isinstance(event, LogsChanged):
+    if isinstance(event, watch_session.LogsChanged):
         _show_logs(console, event, "Logs:" if at is None else f"{at:%H:%M:%S}")
-    elif isinstance(event, ModelFitted):
+    elif isinstance(event, watch_session.ModelFitted):
         _show_model(console, event)
-    elif isinstance(event, LogsDiagnosed):
+    elif isinstance(event, watch_session.LogsDiagnosed):
         _show_diagnosis(console, event)
-    elif isinstance(event, NextRun):
+    elif isinstance(event, watch_session.NextRun):
         run = event.words
         if event.plan is not None:
             run += f", {event.plan.best.run.seconds / 60.0:.1f} min"
@@ -65,7 +56,7 @@ def show_watch_event(console: Console, event: Event, *, at: datetime | None = No
         _show_end(console, event)
 
 
-def _show_logs(console: Console, event: LogsChanged, label: str) -> None:
+def _show_logs(console: Console, event: watch_session.LogsChanged, label: str) -> None:
     console.print()
     print_labelled(console, label, f"{'; '.join(_log_changes(event))}.", indent=2)
     for log in (*event.change.added, *event.change.replaced):
@@ -73,7 +64,7 @@ def _show_logs(console: Console, event: LogsChanged, label: str) -> None:
             show_warnings(console, [f"{log.name}: the log was cut short and has not grown since. {log.cut}"])
 
 
-def _log_changes(event: LogsChanged) -> Iterator[str]:
+def _log_changes(event: watch_session.LogsChanged) -> Iterator[str]:
     change = event.change
     if len(change.added) == 1:
         yield f"{change.added[0].name}, {_duration(change.added)}"
@@ -97,7 +88,7 @@ def _duration(logs: Sequence[WatchedLog]) -> str:
     return f"{sum(log.seconds for log in logs) / 60.0:.1f} min"
 
 
-def _show_model(console: Console, event: ModelFitted) -> None:
+def _show_model(console: Console, event: watch_session.ModelFitted) -> None:
     if event.fit is None:
         label = "No go:" if stopping(event.study.faults) else "Not enough yet:"
         print_labelled(console, label, event.missing, "bold yellow", indent=2)
@@ -151,19 +142,19 @@ def _percent(share: float | None) -> str:
     return f"{format_number(100.0 * share, 2)} %"
 
 
-def _show_criteria(console: Console, criteria: Sequence[CriterionStatus]) -> None:
+def _show_criteria(console: Console, criteria: Sequence[watch_session.CriterionStatus]) -> None:
     if criteria:
         print_labelled(console, "Until:", "; ".join(map(_criterion_words, criteria)) + ".", indent=2)
 
 
-def _criterion_words(status: CriterionStatus) -> str:
+def _criterion_words(status: watch_session.CriterionStatus) -> str:
     current = "not known yet"
     if status.current is not None:
         current = f"{_percent(status.current)} now"
     return f"{status.criterion}: {'reached, ' * status.met}{current}"
 
 
-def _show_diagnosis(console: Console, event: LogsDiagnosed) -> None:
+def _show_diagnosis(console: Console, event: watch_session.LogsDiagnosed) -> None:
     diagnosis, extended = event.diagnosis, event.diagnosis.extended
     if diagnosis.verdict == "too_little_data":
         print_labelled(console, "Causes:", f"not yet determined: {diagnosis.missing}", indent=2)
@@ -179,14 +170,14 @@ def _show_diagnosis(console: Console, event: LogsDiagnosed) -> None:
         _show_criteria(console, event.criteria)
 
 
-def _estimate_of(event: LogsDiagnosed | SessionEnded) -> Estimate | None:
+def _estimate_of(event: watch_session.LogsDiagnosed | watch_session.SessionEnded) -> Estimate | None:
     """The last fit; None where there is none."""
     if event.fit is None:
         return None
     return event.fit.estimate
 
 
-def _show_end(console: Console, event: SessionEnded) -> None:
+def _show_end(console: Console, event: watch_session.SessionEnded) -> None:
     """Print why the session ended; after Ctrl-C also the causes and the parameters."""
     count = len(event.logs)
     logs = f"{count} log{'s' * (count != 1)}"
