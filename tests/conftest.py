@@ -162,16 +162,16 @@ def blank_plots(*drawn: str) -> Iterator[None]:
     """
     from matplotlib.figure import Figure
 
-    from rovid.present.page import figures, plot_files
+    from rovid.present.page import figures, page_files
     from rovid.present.plots import canvas
 
-    figure, whole = Figure(figsize=(0.5, 0.5)), plot_files.render_draft
+    figure, whole = Figure(figsize=(0.5, 0.5)), page_files.render_draft
     as_png, as_svg = canvas.render_png(figure), canvas.render_svg(figure)
 
-    def picture(sketch: plot_files.FigureDraft, guess: Assumptions) -> plot_files.ReportFigure:
+    def picture(sketch: page_files.FigureDraft, guess: Assumptions) -> page_files.ReportFigure:
         if sketch.name in drawn:
             return whole(sketch, guess)
-        return plot_files.ReportFigure(name=sketch.name, caption=sketch.caption, alt=sketch.alt, png=as_png, svg=as_svg)
+        return page_files.ReportFigure(name=sketch.name, caption=sketch.caption, alt=sketch.alt, png=as_png, svg=as_svg)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "render_draft", picture)

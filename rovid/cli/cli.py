@@ -102,8 +102,7 @@ def help(  # noqa: A001 - the command's own name
     json: Json = False,
 ) -> None:
     """Print a page of the documentation."""
-    from rovid.present.terminal.topic_page import show_topic, show_topics
-    from rovid.present.terminal.topics import topic_names, topic_text, topic_title
+    from rovid.present.terminal.topics import show_topic, show_topics, topic_names, topic_text, topic_title
 
     topic = " ".join(words) if words else None
     manual = _manual(context, topic)

@@ -58,7 +58,7 @@ def report(
         context.compile_in_background()
     from rovid.present.console import print_path, show_caution, show_faults, show_warnings
     from rovid.present.documents.fits import all_warnings, axis_document, fault_documents, guess_document
-    from rovid.present.page.plot_files import pdf_output
+    from rovid.present.page.page_files import pdf_output
 
     document, further = dict[str, Any](schema="rovid-report/1"), dict[str, Any]()
     choices: dict[str, Any] = {"diagnosed": diagnosis, "budget": budget, "pdf": pdf, "journal": widths, "force": force}

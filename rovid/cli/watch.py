@@ -103,8 +103,7 @@ def _printer(
 ) -> Callable[[Event], None]:
     """Print the start of the session; return a function that prints an event."""
     from rovid.core.formatting import to_json_line
-    from rovid.present.documents.watch import watch_documents, watch_start_document
-    from rovid.present.terminal.watch import show_watch_event, show_watch_start
+    from rovid.present.terminal.watch import show_watch_event, show_watch_start, watch_documents, watch_start_document
 
     def print_line(document: Document) -> None:
         typer.echo(to_json_line(document))

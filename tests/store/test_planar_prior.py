@@ -10,7 +10,7 @@ from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.planar_prior import planar_prior
 from rovid.trial.axis import PLANAR
 from rovid.trial.config import load_config, load_planar_config
-from rovid.trial.config_files import config_files
+from rovid.trial.config_fingerprint import config_files
 from tests.planar.campaign import PORT_AND_STARBOARD, SIGNALS, write_campaign
 
 VEHICLE = "[vehicle]\nmass = 100.0\nlength = 2.0\nwidth = 1.0\n"

@@ -27,7 +27,7 @@ from rovid.export.mss import derivative
 from rovid.export.run_export import load_exporter, verified_export
 from rovid.export.uuv import export_yaml
 from rovid.model.model import Model
-from rovid.present.page.templating import template_environment
+from rovid.present.page.page_files import template_environment
 from rovid.present.plots import canvas
 from rovid.store.parameter_file import Entry
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle

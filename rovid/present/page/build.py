@@ -15,9 +15,8 @@ from rovid.export.interface import export_input
 from rovid.export.run_export import VerifiedExport, load_exporter, verified_export
 from rovid.model.model import Model
 from rovid.model.simulation import simulate_runs
-from rovid.present.page.plot_files import pdf_output
+from rovid.present.page.page_files import pdf_output, print_pdf, require_browser
 from rovid.present.page.render import claim_report, write_report
-from rovid.present.page.templating import print_pdf, require_browser
 from rovid.present.report_data import ReportData, separations, simulate_nested_models
 from rovid.store.checks import JOINT_METHODS, check_freshness
 from rovid.store.load import history_output, update_parameters

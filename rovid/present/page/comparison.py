@@ -12,7 +12,7 @@ from rovid import __version__
 from rovid.compare.comparison import Comparison
 from rovid.core.output_files import COMPARISON, OutputFile, OutputSet
 from rovid.present.number_format import parameter_title
-from rovid.present.page.templating import long_date, template_environment
+from rovid.present.page.page_files import long_date, template_environment
 from rovid.present.plots.canvas import WIDTH, render_inline_svg
 from rovid.present.plots.results import plot_drag, plot_ratios
 from rovid.present.plots.trials import plot_before_after

@@ -15,7 +15,7 @@ from rovid.core.spmd import forked_workers, parallel_map
 from rovid.diagnose.cross_validation import split_runs
 from rovid.model.simulation import TrialSimulation
 from rovid.present.number_format import format_number, steady_state_words, unit_symbol
-from rovid.present.page.plot_files import FigureDraft, ReportFigure, plot_files, render_draft
+from rovid.present.page.page_files import FigureDraft, ReportFigure, plot_files, render_draft
 from rovid.present.plots import canvas, identification, results, trials
 from rovid.present.report_data import ReportData, worst_first
 from rovid.present.residuals import missing_without, rms_sizes, unexplained_torques

@@ -22,16 +22,19 @@ from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, r
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import format_number, unit_symbol
-from rovid.present.page.plot_files import (
+from rovid.present.page.page_files import (
     FigureDraft,
     ReportFigure,
     claim_page,
+    long_date,
     pdf_output,
     plot_files,
+    print_pdf,
     render_draft,
+    require_browser,
+    template_environment,
     write_page,
 )
-from rovid.present.page.templating import long_date, print_pdf, require_browser, template_environment
 from rovid.present.plots import canvas
 from rovid.present.plots import planar as plots
 from rovid.present.sentences import (

@@ -17,9 +17,8 @@ from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import base_names
 from rovid.present.number_format import arm_words, parameter_title, steady_state_words, unit_symbol
 from rovid.present.page.figures import ReportFigures, draw_figures
-from rovid.present.page.plot_files import claim_page, write_page
+from rovid.present.page.page_files import claim_page, long_date, read_assets, template_environment, write_page
 from rovid.present.page.summary import size_words, summarize
-from rovid.present.page.templating import long_date, read_assets, template_environment
 from rovid.present.page.viewer_data import viewer_document
 from rovid.present.plots.canvas import journal_plots
 from rovid.present.report_data import ReportData

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.estimate.estimate import Estimate
-from rovid.present.documents.watch import parameters_with_previous, watch_documents, watch_start_document
+from rovid.present.terminal.watch import parameters_with_previous, watch_documents, watch_start_document
 from rovid.store.folder_monitor import Problem
 from rovid.store.watch_session import parse_criteria
 from rovid.trial.axis import YAW

@@ -12,7 +12,7 @@ import pytest
 
 from rovid.core.errors import ConfigError, OutputError
 from rovid.core.output_files import OutputFile, OutputSet, pdf_signature
-from rovid.present.page import templating
+from rovid.present.page import page_files
 from tests.conftest import SAMPLES, Rovid
 from tests.present.chromium import find_chromium
 
@@ -46,10 +46,10 @@ def test_the_page_is_printed_and_known_again(rovid: Rovid) -> None:
 
 
 def test_without_a_browser_nothing_is_begun(rovid: Rovid, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(templating, "BROWSERS", ("no-such-browser", "nor-this"))
-    monkeypatch.setattr(templating, "_PLACES", ())
+    monkeypatch.setattr(page_files, "BROWSERS", ("no-such-browser", "nor-this"))
+    monkeypatch.setattr(page_files, "_PLACES", ())
     with pytest.raises(ConfigError, match=r"none of no-such-browser and nor-this was found.* print it"):
-        templating.require_browser()
+        page_files.require_browser()
     monkeypatch.setenv("PATH", "")
     done = rovid(*REPORT)
     assert done.code == 2
@@ -71,9 +71,9 @@ def test_a_browser_that_prints_nothing_is_one_message(tmp_path: Path, does: str)
     page = tmp_path / "index.html"
     page.write_text("<p>x")
     with pytest.raises(OutputError, match=r"printed no PDF of .* print it from a browser"):
-        templating.print_pdf(page, browser_that(tmp_path, does))
+        page_files.print_pdf(page, browser_that(tmp_path, does))
     with pytest.raises(OutputError, match="printed no PDF"):
-        templating.print_pdf(page, str(tmp_path / "not there"))
+        page_files.print_pdf(page, str(tmp_path / "not there"))
 
 
 @posix
@@ -81,5 +81,5 @@ def test_the_mark_moves_no_byte(tmp_path: Path) -> None:
     page = tmp_path / "index.html"
     page.write_text("<p>x")
     made = rb"%PDF-1.4 <</Title (a)/Creator (Mozilla \(X11\) Chrome)/Producer (Skia/PDF m156)>> end"
-    document = templating.print_pdf(page, browser_that(tmp_path, f"pathlib.Path(made).write_bytes({made!r})"))
+    document = page_files.print_pdf(page, browser_that(tmp_path, f"pathlib.Path(made).write_bytes({made!r})"))
     assert document == made.replace(rb"Mozilla \(X11\) Chrome", b"rovid report".ljust(22))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
-from rovid.present.page.templating import read_assets, template_environment
+from rovid.present.page.page_files import read_assets, template_environment
 
 
 def test_text_from_elsewhere_is_shown_for_what_it_is() -> None:
