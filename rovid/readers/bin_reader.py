@@ -16,20 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.readers.raw_log import (
-    Columns,
-    LogContents,
-    RawLog,
-    autopilot_parameters,
-    missing_topic,
-    numeric_sources,
-    raw_log_of_topics,
-    require_mark,
-    required_signals,
-    select_instance,
-    split_instance,
-    wrong_format,
-)
+from rovid.readers import raw_log
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
@@ -52,29 +39,29 @@ _OLD_CHANNEL = re.compile(r"Ch\d+$")
 _INSTANCES = (("I", "B"), ("Inst", "B"), ("Instance", "B"), ("C", "B"))
 
 
-def read(path: Path, config: Config) -> RawLog:
+def read(path: Path, config: Config) -> raw_log.RawLog:
     """Mapped fields of ``path``; ``IMU[1].GyrZ`` is of the second sensor, ``IMU.GyrZ`` of the first."""
-    signals = required_signals(config, KIND, path)
+    signals = raw_log.required_signals(config, KIND, path)
     topics = [signal.sources[KIND].partition(".")[0] for signal in signals.values()]
-    with _opened(path, {split_instance(topic)[0] for topic in topics}) as log:
+    with _opened(path, {raw_log.split_instance(topic)[0] for topic in topics}) as log:
         clock = config.time.sources.get(KIND, "TimeUS")
-        return raw_log_of_topics(path, KIND, signals, log.columns, clock, log.remarks)
+        return raw_log.raw_log_of_topics(path, KIND, signals, log.columns, clock, log.remarks)
 
 
-def sources(path: Path) -> LogContents:
+def sources(path: Path) -> raw_log.LogContents:
     """Sources on motion, thrusters and supply."""
     with _opened(path, {*_INTERESTING, _PARAMETERS}) as log:
         topics = {name: log.columns(name) for name in _INTERESTING if log.holds(name)}
         parameters = {}
         if log.holds(_PARAMETERS):
-            parameters = autopilot_parameters(log.columns(_PARAMETERS), "Name", "Value")
-    found = [source for source in numeric_sources(topics) if ".Des" not in source and ".Ch" not in source]
-    return LogContents(sources=tuple(found), parameters=parameters)
+            parameters = raw_log.autopilot_parameters(log.columns(_PARAMETERS), "Name", "Value")
+    found = [source for source in raw_log.numeric_sources(topics) if ".Des" not in source and ".Ch" not in source]
+    return raw_log.LogContents(sources=tuple(found), parameters=parameters)
 
 
 @contextmanager
 def _opened(path: Path, wanted: set[str]) -> "Iterator[DataFlashLog]":
-    require_mark(path, _MARK, _FORMAT)
+    raw_log.require_mark(path, _MARK, _FORMAT)
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
         yield DataFlashLog(path, data, wanted)
 
@@ -145,7 +132,7 @@ class DataFlashLog:
             at += length
         lost += size - at
         if not self.types:
-            raise wrong_format(self.path, _FORMAT)
+            raise raw_log.wrong_format(self.path, _FORMAT)
         if lost:
             text = f"{lost} of {size} bytes belong to no whole message, as a loss of power or of data leaves them."
             self.remarks.append(Remark(kind="truncated", count=lost, text=text))
@@ -186,11 +173,11 @@ class DataFlashLog:
         """Whether the log has messages ``name``, which must be wanted."""
         return name in self.types and len(self.types[name].offsets) > 0
 
-    def columns(self, topic: str) -> Columns:
+    def columns(self, topic: str) -> raw_log.Columns:
         """Fields of the messages ``topic`` of one sensor."""
-        kind = self.types.get(split_instance(topic)[0])
+        kind = self.types.get(raw_log.split_instance(topic)[0])
         if kind is None or not kind.offsets:
-            raise missing_topic(self.path, KIND, topic, self.types)
+            raise raw_log.missing_topic(self.path, KIND, topic, self.types)
         columns = kind.columns(self.data)
         # Names before 2015: a time in ms, and Ch1 for C1.
         if "TimeMS" in columns:
@@ -198,4 +185,4 @@ class DataFlashLog:
         for label in kind.labels:
             if _OLD_CHANNEL.match(label):
                 columns.setdefault(label.replace("Ch", "C"), columns[label])
-        return select_instance(self.path, KIND, topic, columns, kind.instance_field, self.remarks)
+        return raw_log.select_instance(self.path, KIND, topic, columns, kind.instance_field, self.remarks)

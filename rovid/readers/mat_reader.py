@@ -11,15 +11,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError, suggestion
-from rovid.readers.raw_log import (
-    Channel,
-    LogContents,
-    RawLog,
-    require_library,
-    required_signals,
-    required_time,
-    wrong_format,
-)
+from rovid.readers import raw_log
 from rovid.readers.timestamps import EPOCH_FROM, guess_clock, time_unit, to_seconds
 from rovid.trial.axis import CLOCK_WORDS, name_words
 from rovid.trial.config import Config
@@ -35,10 +27,10 @@ _MAX_COLUMNS = 64
 _MIN_LENGTH = 2
 
 
-def read(path: Path, config: Config) -> RawLog:
+def read(path: Path, config: Config) -> raw_log.RawLog:
     """Mapped variables of ``path``; ``log.pose[2]`` is the third column of a matrix in a structure."""
-    time = required_time(config, KIND)
-    signals = required_signals(config, KIND, path)
+    time = raw_log.required_time(config, KIND)
+    signals = raw_log.required_signals(config, KIND, path)
     columns = _columns(path)
     clocks: dict[str, FloatArray] = {}
     clock = time.sources[KIND]
@@ -54,20 +46,20 @@ def read(path: Path, config: Config) -> RawLog:
         if own not in clocks:
             clocks[own] = to_seconds(columns[own], own, time.unit)
         values = columns[source]
-        channels[name] = Channel(source=source, clock=own, time=clocks[own], values=values)
+        channels[name] = raw_log.Channel(source=source, clock=own, time=clocks[own], values=values)
     first = float(columns[clock][0]) if clock in columns else 0.0
     units = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
     scale = units[time_unit(clock, abs(first), time.unit)]
-    return RawLog(
+    return raw_log.RawLog(
         channels=channels, place=lambda _, row: f"element {row + 1}", epoch=0.0 if first * scale > EPOCH_FROM else None
     )
 
 
-def sources(path: Path) -> LogContents:
+def sources(path: Path) -> raw_log.LogContents:
     """The time, and every other vector or column of a matrix."""
     columns = _columns(path)
     clock = guess_clock(columns, [])
-    return LogContents(
+    return raw_log.LogContents(
         clock=clock,
         sources=tuple(name for name in columns if name != clock),
         unreadable=()
@@ -130,7 +122,7 @@ def _variables(path: Path) -> dict[str, Any]:
     # Version 4 begins with a number that describes the first matrix, and with its size.
     described = [int.from_bytes(head[:4], order) for order in _ORDERS]
     if not head.startswith(_MARK) and not (min(described) <= _LARGEST_TYPE and any(head) and len(head) == _HEAD):
-        raise wrong_format(path, _FORMAT)
+        raise raw_log.wrong_format(path, _FORMAT)
     try:
         loaded = loadmat(path, simplify_cells=True)
     except NotImplementedError:
@@ -141,7 +133,7 @@ def _variables(path: Path) -> dict[str, Any]:
 
 
 def _variables_73(path: Path) -> dict[str, Any]:
-    h5py = require_library("h5py", EXTRA, path)
+    h5py = raw_log.require_library("h5py", EXTRA, path)
 
     def members(group: Any) -> dict[str, Any]:
         found: dict[str, Any] = {}

@@ -13,18 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.core.errors import LogError, suggestion
-from rovid.readers.message_fields import (
-    ABSENT,
-    FieldCollector,
-    Getter,
-    as_float,
-    getter,
-    listed_fields,
-    numeric_fields,
-    split_fields,
-    split_path,
-    stamp_getter,
-)
+from rovid.readers import message_fields
 from rovid.readers.raw_log import Channel, LogContents, RawLog
 from rovid.readers.timestamps import EPOCH_FROM, to_seconds
 from rovid.trial.axis import Signal
@@ -72,13 +61,15 @@ def ros_decoder(kind: str, definition: str, encoding: str) -> Decoder:
 class TopicCollector:
     """Collects the signals of one topic, message by message."""
 
-    def __init__(self, name: str, kind: str, clock: str, collectors: list[FieldCollector], where: str) -> None:
+    def __init__(
+        self, name: str, kind: str, clock: str, collectors: list[message_fields.FieldCollector], where: str
+    ) -> None:
         self.name, self.kind, self.clock, self.collectors, self.where = name, kind, clock, collectors, where
         # Time of each message: ns, or the value of the chosen field.
         self.times: array[int] | list[Any] = array("q") if clock in _CLOCKS else []
         self.last: Any = None  # The latest message; error messages list its fields.
         self.error: LogError | None = None  # Why reading an optional topic ended early.
-        self._get_stamp: Getter | None = None
+        self._get_stamp: message_fields.Getter | None = None
         self.in_ns = clock in _CLOCKS
 
     def handler(self, make_decoder: Callable[[], Decoder], *, mapping: bool) -> Handler | None:
@@ -127,17 +118,17 @@ class TopicCollector:
         """Time inside a message: ns of its own stamp, or the chosen field."""
         if self._get_stamp is None:
             if self.clock == "header":
-                self._get_stamp = stamp_getter(message, mapping=mapping)
+                self._get_stamp = message_fields.stamp_getter(message, mapping=mapping)
             else:
-                fields = split_fields(self.clock)
-                self._get_stamp = stamp_getter(message, mapping=mapping, clock=fields)
+                fields = message_fields.split_fields(self.clock)
+                self._get_stamp = message_fields.stamp_getter(message, mapping=mapping, clock=fields)
                 self.in_ns = self._get_stamp is not None
-                self._get_stamp = self._get_stamp or getter(fields, mapping=mapping)
+                self._get_stamp = self._get_stamp or message_fields.getter(fields, mapping=mapping)
         if self._get_stamp is None:
             raise self._no_stamp(message)
         try:
             time = self._get_stamp(message)
-        except (*ABSENT, ValueError, OverflowError) as error:
+        except (*message_fields.ABSENT, ValueError, OverflowError) as error:
             raise self._no_stamp(message) from error
         if isinstance(time, bool) or not isinstance(time, int | float):
             raise self._no_stamp(message)
@@ -146,7 +137,9 @@ class TopicCollector:
     def _no_stamp(self, message: Any) -> LogError:
         wanted = "header.stamp" if self.clock == "header" else repr(self.clock)
         mend = f'Set time = {{ {self.kind} = "log" }} in [signals] to use the time of recording.'
-        text = f"has no time {wanted}, which time in rovid.toml names; its fields: {listed_fields(message)}"
+        text = (
+            f"has no time {wanted}, which time in rovid.toml names; its fields: {message_fields.listed_fields(message)}"
+        )
         return self._message_error(text, mend)
 
     def _message_error(self, problem: str, mend: str = "") -> LogError:
@@ -177,9 +170,11 @@ class TopicExtractor:
             collectors = []
             for signal in self.signals.values():
                 source = signal.sources[self.kind]
-                fields = split_path(source, name)
+                fields = message_fields.split_path(source, name)
                 if fields is not None:
-                    collectors.append(FieldCollector(signal, source, fields, mapping=mapping, where=where))
+                    collectors.append(
+                        message_fields.FieldCollector(signal, source, fields, mapping=mapping, where=where)
+                    )
             topic = TopicCollector(name, self.kind, self.clock, collectors, where)
             self.topics[name] = topic if collectors else None
         found = self.topics[name]
@@ -192,7 +187,7 @@ class TopicExtractor:
         parts.
         """
         self.damage = damage
-        chosen: dict[str, tuple[TopicCollector, FieldCollector]] = {}
+        chosen: dict[str, tuple[TopicCollector, message_fields.FieldCollector]] = {}
         lacking: dict[str, None] = {}
         for signal, mapped_to in self.signals.items():
             try:
@@ -225,9 +220,9 @@ class TopicExtractor:
             epoch=epoch if all(topic.in_ns for topic, _ in chosen.values()) and epoch > EPOCH_FROM else None,
         )
 
-    def _choose(self, signal: str, source: str) -> tuple[TopicCollector, FieldCollector]:
+    def _choose(self, signal: str, source: str) -> tuple[TopicCollector, message_fields.FieldCollector]:
         """The longest topic that ``source`` begins with, and its field."""
-        matching = [name for name in self.topics if split_path(source, name) is not None]
+        matching = [name for name in self.topics if message_fields.split_path(source, name) is not None]
         topic = self.topics.get(max(matching, key=len, default=""))
         if topic is None:
             text = f"has no topic for {source!r}, which rovid.toml maps to {signal}. {suggestion(source, self.topics)}"
@@ -241,7 +236,7 @@ class TopicExtractor:
         if not collector.seen and not (siblings and collector.comes_and_goes):
             field = ".".join(collector.fields) or "of a quaternion"
             text = f"topic {topic.name!r} never holds the field {field!r} ({signal})."
-            text += f" Its fields: {listed_fields(topic.last)}."
+            text += f" Its fields: {message_fields.listed_fields(topic.last)}."
             raise self._missing(text, f"Correct {signal} in rovid.toml.")
         return topic, collector
 
@@ -267,7 +262,7 @@ def _time_array(times: array[int] | list[Any]) -> NDArray[Any]:
         return np.frombuffer(times, dtype=np.int64)
     if all(isinstance(time, int) and abs(time) < 2**63 - 1 for time in times):
         return np.array(times, dtype=np.int64)
-    return np.array(list(map(as_float, times)))
+    return np.array(list(map(message_fields.as_float, times)))
 
 
 class TopicListing:
@@ -296,7 +291,7 @@ class TopicListing:
         sources: dict[str, None] = {}
         unreadable = []
         for topic in self._topics:
-            sources |= dict.fromkeys(numeric_fields(topic.last, topic.name))
+            sources |= dict.fromkeys(message_fields.numeric_fields(topic.last, topic.name))
             if topic.error:
                 unreadable.append(str(topic.error))
         unreadable += [f"{self.path}: {text}" for text in damage]

@@ -17,20 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.readers.raw_log import (
-    Columns,
-    LogContents,
-    RawLog,
-    autopilot_parameters,
-    missing_topic,
-    numeric_sources,
-    raw_log_of_topics,
-    require_library,
-    required_signals,
-    select_instance,
-    split_instance,
-    wrong_format,
-)
+from rovid.readers import raw_log
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
@@ -49,24 +36,24 @@ _INTERESTING = (_ATTITUDE, "SERVO_OUTPUT_RAW", "SYS_STATUS", "BATTERY_STATUS")
 _PARAMETERS = "PARAM_VALUE"
 
 
-def read(path: Path, config: Config) -> RawLog:
+def read(path: Path, config: Config) -> raw_log.RawLog:
     """Mapped fields of ``path``, at their arrival times."""
-    signals = required_signals(config, KIND, path)
+    signals = raw_log.required_signals(config, KIND, path)
     topics = [signal.sources[KIND].partition(".")[0] for signal in signals.values()]
-    log = TelemetryLog(path, {split_instance(topic)[0] for topic in topics})
-    return raw_log_of_topics(path, KIND, signals, log.columns, _CLOCK, log.remarks)
+    log = TelemetryLog(path, {raw_log.split_instance(topic)[0] for topic in topics})
+    return raw_log.raw_log_of_topics(path, KIND, signals, log.columns, _CLOCK, log.remarks)
 
 
-def sources(path: Path) -> LogContents:
+def sources(path: Path) -> raw_log.LogContents:
     """Sources on motion, thrusters and supply."""
     log = TelemetryLog(path, {*_INTERESTING, _PARAMETERS})
     present = {name for name, system, _ in log.frames if system == log.system}
     topics = {name: log.columns(name) for name in _INTERESTING if name in present}
-    found = [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
+    found = [source for source in raw_log.numeric_sources(topics) if not source.endswith(_CLOCK)]
     parameters = {}
     if _PARAMETERS in present:
-        parameters = autopilot_parameters(log.columns(_PARAMETERS), "param_id", "param_value")
-    return LogContents(sources=tuple(found), parameters=parameters)
+        parameters = raw_log.autopilot_parameters(log.columns(_PARAMETERS), "param_id", "param_value")
+    return raw_log.LogContents(sources=tuple(found), parameters=parameters)
 
 
 class TelemetryLog:
@@ -76,9 +63,9 @@ class TelemetryLog:
         self.path = path
         with path.open("rb") as file:
             if not path.stat().st_size:
-                raise wrong_format(path, _FORMAT)
+                raise raw_log.wrong_format(path, _FORMAT)
             self.data = mmap(file.fileno(), 0, access=ACCESS_READ)
-        self.dialect = require_library("pymavlink.dialects.v20.ardupilotmega", _EXTRA, path)
+        self.dialect = raw_log.require_library("pymavlink.dialects.v20.ardupilotmega", _EXTRA, path)
         self.types = {kind.msgname: kind for kind in self.dialect.mavlink_map.values()}
         self.names = {kind.id: name for name, kind in self.types.items()}
         self.wanted = {self.types[name].id for name in self.types.keys() & {*wanted, _ATTITUDE}}
@@ -113,7 +100,7 @@ class TelemetryLog:
             at += 8 + length
         lost += max(0, size - at)
         if not any(number in self.names for number in self.counts):
-            raise wrong_format(self.path, _FORMAT)
+            raise raw_log.wrong_format(self.path, _FORMAT)
         if lost:
             text = f"{lost} of {size} bytes belong to no whole message, as a loss of power or of data leaves them."
             self.remarks.append(Remark(kind="truncated", count=lost, text=text))
@@ -134,19 +121,19 @@ class TelemetryLog:
             self.remarks.append(Remark(kind="chosen", count=counts[first], text=text))
         return first
 
-    def columns(self, topic: str) -> Columns:
+    def columns(self, topic: str) -> raw_log.Columns:
         """Fields of the vehicle's messages ``topic`` of one sensor, and their arrival in us."""
-        name, _ = split_instance(topic)
+        name, _ = raw_log.split_instance(topic)
         components = [component for one, system, component in self.frames if (one, system) == (name, self.system)]
         if not components:
             present = dict.fromkeys(self.names[number] for number in self.counts if number in self.names)
-            raise missing_topic(self.path, KIND, topic, present)
+            raise raw_log.missing_topic(self.path, KIND, topic, present)
         # An autopilot is component 1; cameras and gimbals have larger numbers.
         columns = self._decoded(self.types[name], *self.frames[name, self.system, min(components)])
         if not len(columns[_CLOCK]):
-            raise missing_topic(self.path, KIND, topic, {})
+            raise raw_log.missing_topic(self.path, KIND, topic, {})
         instance_field = self.types[name].instance_field or ""
-        return select_instance(self.path, KIND, topic, columns, instance_field, self.remarks)
+        return raw_log.select_instance(self.path, KIND, topic, columns, instance_field, self.remarks)
 
     def _decoded(self, kind: Any, begins: array[int], ends: array[int]) -> dict[str, NDArray[Any]]:
         """Fields and arrival in us, without messages that have a wrong checksum."""

@@ -9,18 +9,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
-from rovid.readers.raw_log import (
-    Columns,
-    LogContents,
-    RawLog,
-    euler,
-    missing_topic,
-    numeric_sources,
-    raw_log_of_topics,
-    require_library,
-    require_mark,
-    required_signals,
-)
+from rovid.readers import raw_log
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
@@ -33,27 +22,27 @@ _HEADER = 3
 _MAX_READS, _EXTRA_READS = 16, 1 << 16
 
 
-def read(path: Path, config: Config) -> RawLog:
+def read(path: Path, config: Config) -> raw_log.RawLog:
     """Mapped fields of ``path``."""
-    signals = required_signals(config, KIND, path)
+    signals = raw_log.required_signals(config, KIND, path)
     names = {signal.sources[KIND].partition(".")[0].partition("#")[0] for signal in signals.values()}
     log = _ULog(path, names)
     clock = config.time.sources.get(KIND, "timestamp")
-    raw = raw_log_of_topics(path, KIND, signals, log.columns, clock, log.remarks)
+    raw = raw_log.raw_log_of_topics(path, KIND, signals, log.columns, clock, log.remarks)
     if "heading" not in signals:
         return raw
     topic, heading = signals["heading"].sources[KIND].partition(".")[0], raw.channels["heading"]
     return replace(raw, resets=_resets(log.columns(topic), heading.time, float(np.sign(signals["heading"].factor))))
 
 
-def sources(path: Path) -> LogContents:
+def sources(path: Path) -> raw_log.LogContents:
     """Sources on motion, thrusters and supply."""
     log = _ULog(path, _INTERESTING)
     topics = {name: log.columns(name) for name in log.topics}
-    return LogContents(sources=tuple(numeric_sources(topics)), parameters=log.parameters)
+    return raw_log.LogContents(sources=tuple(raw_log.numeric_sources(topics)), parameters=log.parameters)
 
 
-def _resets(columns: Columns, time: FloatArray, sense: float) -> tuple[tuple[float, float], ...]:
+def _resets(columns: raw_log.Columns, time: FloatArray, sense: float) -> tuple[tuple[float, float], ...]:
     """(s, rad) of each reset of the heading that vehicle_attitude states; ``sense``: -1 for a reversed heading.
 
     delta_q_reset (w, x, y, z) is the rotation of the last reset.
@@ -62,7 +51,7 @@ def _resets(columns: Columns, time: FloatArray, sense: float) -> tuple[tuple[flo
     if counter is None or not columns.keys() >= set(parts):
         return ()
     at = np.flatnonzero(np.diff(counter.astype(np.int64))) + 1
-    turns = sense * euler(np.column_stack([columns[part][at].astype(np.float64) for part in parts]), "heading")
+    turns = sense * raw_log.euler(np.column_stack([columns[part][at].astype(np.float64) for part in parts]), "heading")
     return tuple(zip(time[at].tolist(), turns.tolist(), strict=True))
 
 
@@ -70,9 +59,9 @@ class _ULog:
     """The ``wanted`` topics of a log, by name and instance, and the autopilot's parameters at its beginning."""
 
     def __init__(self, path: Path, wanted: set[str]) -> None:
-        require_mark(path, _MARK, "a ULog of PX4")
+        raw_log.require_mark(path, _MARK, "a ULog of PX4")
         self._path = path
-        core = require_library("pyulog.core", "px4", path)
+        core = raw_log.require_library("pyulog.core", "px4", path)
         # pyulog prints messages on damage to stdout, which holds rovid's own output.
         with _WatchedFile(path) as file, contextlib.redirect_stdout(io.StringIO()):
             try:
@@ -83,7 +72,7 @@ class _ULog:
                     where=path,
                     mend="Download the log again, or leave it out.",
                 ) from error
-        self.topics: dict[str, Columns] = {}
+        self.topics: dict[str, raw_log.Columns] = {}
         for data in log.data_list:
             self.topics[f"{data.name}#{data.multi_id}" if data.multi_id else data.name] = data.data
         self._present = {*self.topics, *log.message_formats}
@@ -97,12 +86,12 @@ class _ULog:
             text = f"The logger fell behind {len(log.dropouts)} times and lost {lost / 1000.0:.1f} s in all."
             self.remarks.append(Remark(kind="gap", count=len(log.dropouts), text=text))
 
-    def columns(self, topic: str) -> Columns:
+    def columns(self, topic: str) -> raw_log.Columns:
         """Fields of ``topic``; its instance follows a #."""
         base, _, instance = topic.partition("#")
         columns = self.topics.get(base if instance == "0" else topic)
         if columns is None:
-            raise missing_topic(self._path, KIND, topic, dict.fromkeys(sorted(self._present)))
+            raise raw_log.missing_topic(self._path, KIND, topic, dict.fromkeys(sorted(self._present)))
         return columns
 
 
