@@ -10,9 +10,10 @@ from rovid.core.errors import ConfigError, LogError, RovidError
 from rovid.core.input_files import list_files
 from rovid.readers import READERS, find_logs, read_trials
 from rovid.readers.formats import trial_files
+from rovid.store.study import config_files
 from rovid.trial.axis import Axis
 from rovid.trial.config import FILE_NAME, Config, find_config, load_config
-from rovid.trial.config_fingerprint import ConfigFingerprint, config_files
+from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.trial import Remark, Trial
 
 # Size in bytes and modification time in ns. Stamps are only compared for equality: another machine may write the files.

@@ -1,5 +1,6 @@
 """A study of the logs, or tables, in a folder, and what can be identified from them."""
 
+import contextlib
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,6 +12,7 @@ import numpy as np
 
 from rovid.core.budget import SECONDS_PER_HOUR, ProgressCallback
 from rovid.core.errors import ConfigError, DataError, LogError, suggestion
+from rovid.core.input_files import read_toml
 from rovid.core.output_files import PLAN
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
@@ -32,7 +34,7 @@ from rovid.readers.campaign import TrialReader, candidate_files
 from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_source, trial_source
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import Config, find_config, load_config, vehicle_without_thrusters
-from rovid.trial.config_fingerprint import ConfigFingerprint, config_files
+from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.fault import Fault, FaultOverrides, fault_texts, stopping
 from rovid.trial.preprocessing import PreparedRuns, prepare, shared_channels
 from rovid.trial.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
@@ -289,6 +291,22 @@ def input_files(paths: Sequence[Path]) -> list[Path]:
         return []
     files = [path for path in candidate_files(paths) if path.is_file() and not PLAN.matches(path)]
     return [*files, *config_files(paths)]
+
+
+def config_files(paths: Sequence[Path]) -> list[Path]:
+    """The rovid.toml of ``paths``, its thrust curves and the file of its prior, as far as they exist."""
+    files: list[Path] = []  # Errors in rovid.toml are reported when the file is loaded.
+    with contextlib.suppress(ConfigError):
+        config = find_config(paths)
+        files.append(config)
+        document = read_toml(config)
+        blocks, coupled = document.get("thrusters"), document.get("planar")
+        tables = [*blocks] if isinstance(blocks, list) else []
+        tables += [coupled.get("prior")] if isinstance(coupled, dict) else []
+        known = [table for table in tables if isinstance(table, dict)]
+        named = [config.parent / str(table[key]) for table in known for key in ("curve", "file") if key in table]
+        files += [path for path in named if path.exists()]
+    return files
 
 
 def open_study(

@@ -1,16 +1,12 @@
-"""The files that rovid.toml consists of, and the settings that results depend on, which a parameter file stores."""
+"""Settings of rovid.toml that results depend on; a parameter file stores them to detect later changes."""
 
-import contextlib
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rovid.core.errors import ConfigError
-from rovid.core.input_files import read_toml
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.config import find_config
 from rovid.trial.vehicle import Vehicle
 
 _DIGEST = "sha256 "
@@ -99,19 +95,3 @@ def config_fingerprint(vehicle: Vehicle, signals: Mapping[str, str], further: Ma
     if vehicle.thrust_scale_error:
         drive["thrust_scale_error"] = f"{vehicle.thrust_scale_error:.12g}"
     return ConfigFingerprint(drive=drive, signals=signals, further=further, guessed=vehicle.assumptions.items)
-
-
-def config_files(paths: Sequence[Path]) -> list[Path]:
-    """The rovid.toml of ``paths``, its thrust curves and the file of its prior, as far as they exist."""
-    files: list[Path] = []  # Errors in rovid.toml are reported when the file is loaded.
-    with contextlib.suppress(ConfigError):
-        config = find_config(paths)
-        files.append(config)
-        document = read_toml(config)
-        blocks, coupled = document.get("thrusters"), document.get("planar")
-        tables = [*blocks] if isinstance(blocks, list) else []
-        tables += [coupled.get("prior")] if isinstance(coupled, dict) else []
-        known = [table for table in tables if isinstance(table, dict)]
-        named = [config.parent / str(table[key]) for table in known for key in ("curve", "file") if key in table]
-        files += [path for path in named if path.exists()]
-    return files

@@ -8,9 +8,9 @@ from rovid.core.errors import ConfigError
 from rovid.planar.prior import PriorValue
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.planar_prior import planar_prior
+from rovid.store.study import config_files
 from rovid.trial.axis import PLANAR
 from rovid.trial.config import load_config, load_planar_config
-from rovid.trial.config_fingerprint import config_files
 from tests.planar.campaign import PORT_AND_STARBOARD, SIGNALS, write_campaign
 
 VEHICLE = "[vehicle]\nmass = 100.0\nlength = 2.0\nwidth = 1.0\n"
