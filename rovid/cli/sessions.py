@@ -56,7 +56,6 @@ def open_session(
 
     Logs with a fault that no fit survives raise a `LogError` if ``require_sound``, unless ``force`` is given.
     """
-    from rovid.preflight.check import require_right_signs
     from rovid.trial.fault import FAULT_IDS, FaultOverrides
 
     stored = context.parameters_at(parameters, axis, force=force)
@@ -66,6 +65,8 @@ def open_session(
     if force:
         study = replace(study, overrides=FaultOverrides(kept=dict.fromkeys(FAULT_IDS, ("*",))))
     elif require_sound:
+        from rovid.preflight.check import require_right_signs
+
         study.require_sound()
         require_right_signs(study)
     stored, notes = context.without_stale_values(stored, study)
