@@ -106,7 +106,7 @@ def wrong_sign(day: Path, folder: Path) -> Path:
 def test_thrust_of_the_wrong_sign_is_an_error(command: str, day: Path, rovid: Rovid, tmp_path: Path) -> None:
     done = rovid(command, wrong_sign(day, tmp_path))
     assert done.code == 2
-    assert "signs of yaw_arm" in done.err
+    assert "turn each yaw_arm around" in done.err
     assert not (tmp_path / "parameters.toml").exists()
 
 
