@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -27,12 +28,14 @@ def fit_drag(
     json: options.Json = False,
 ) -> None:
     """Fit drag from steady turns."""
+    from rovid.preflight.check import drag_without_feedback
+
     session = open_session(logs, parameters, axis, cutoff, force=force)
     if session.stored.axis.self_righting:
         # Under a constant torque such an axis comes to rest, so drag is found together with the inertia.
         _fit_inertia(session, json=json)
         return
-    fit_and_store(session, "Fitting drag …", session.study.drag, json=json)
+    fit_and_store(session, "Fitting drag …", partial(drag_without_feedback, session.study), json=json)
 
 
 def fit_inertia(

@@ -136,14 +136,9 @@ def _feedback(feedback: Sequence[Feedback], axis: Axis) -> Iterator[Advice]:
     """Feedback, and reversals that may be timed by a clock instead."""
     certain = [one for one in feedback if one.chance < SIGNIFICANCE_LEVEL]
     if certain:
-        chance = max(one.chance for one in certain)
-        rarity = "fewer than one log in a million"
-        if chance >= 1e-6:
-            rarity = f"one log in {10 ** math.floor(-math.log10(chance))}"
         text = (
             "Use `rovid fit` and `rovid diagnose`, which are valid under feedback; `fit-drag` and `fit-inertia` are "
-            f"biased by it. There is feedback, by an autopilot or a pilot: {'; '.join(_evidence(certain, axis))}. By "
-            f"chance, {rarity} shows as much."
+            f"biased by it. {feedback_text(certain, axis)}"
         )
         yield Advice(kind="feedback", text=text)
     uncertain = [one for one in feedback if one.chance >= SIGNIFICANCE_LEVEL]
@@ -155,6 +150,18 @@ def _feedback(feedback: Sequence[Feedback], axis: Axis) -> Iterator[Advice]:
             "few reversals to decide."
         )
         yield Advice(kind="reversals", text=text, weight="aside")
+
+
+def feedback_text(certain: Sequence[Feedback], axis: Axis) -> str:
+    """Sentences on the evidence of significant feedback."""
+    chance = max(one.chance for one in certain)
+    rarity = "fewer than one log in a million"
+    if chance >= 1e-6:
+        rarity = f"one log in {10 ** math.floor(-math.log10(chance))}"
+    return (
+        f"There is feedback, by an autopilot or a pilot: {'; '.join(_evidence(certain, axis))}. By chance, {rarity} "
+        "shows as much."
+    )
 
 
 def _evidence(feedback: Sequence[Feedback], axis: Axis) -> Iterator[str]:

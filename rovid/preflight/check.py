@@ -8,16 +8,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rovid.core.errors import LogError, RovidError
+from rovid.core.errors import DataError, LogError, RovidError
 from rovid.estimate.inner_loop import find_inner_loop
-from rovid.faults.base import resolve
+from rovid.estimate.steady_drag import DragFit
+from rovid.faults.base import named, resolve
 from rovid.faults.catalogue import examine_runs
 from rovid.faults.clocks_apart import response_delay
-from rovid.preflight.advice import Advice, advise
+from rovid.preflight.advice import Advice, advise, feedback_text
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffsets
 from rovid.preflight.clock_offsets import estimate_clock_offsets
 from rovid.preflight.command_effects import ThrusterCheck, all_reversed, check_thrusters
-from rovid.preflight.feedback_detection import Feedback, detect_feedback
+from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback, detect_feedback
 from rovid.readers import find_logs, read_trials
 from rovid.readers.campaign import examine_campaign
 from rovid.store.study import Study
@@ -178,6 +179,32 @@ def _facts(trial: Trial, config: Config, vehicle: Vehicle, cutoff: float) -> dic
         "sine_runs": len(find_sines(trial, torque)),
         "remarks": list(map(remark_document, trial.remarks)),
     }
+
+
+def drag_without_feedback(study: Study) -> DragFit:
+    """`Study.drag` of the logs whose commands do not follow the motion.
+
+    A held command of an autopilot answers the disturbance of that time, which biases drag. A pilot's steps are held
+    whatever the motion does then. Raises DataError if there is no steady turn without feedback.
+    """
+    if study.runs is None:
+        return study.drag()
+    found = detect_feedback([run.trial for run in study.runs.items], study.vehicle)
+    found = [one for one in found if one.seen_in == "flow" and one.chance < SIGNIFICANCE_LEVEL]
+    if not found:
+        return study.drag()
+    axis, names = study.vehicle.axis, {one.name for one in found}
+    text = f"{feedback_text(found, axis)} Such commands answer the motion, which biases drag"
+    kept = tuple(run for run in study.runs.items if run.trial.name not in names)
+    mend = "Run `rovid fit`, which is valid under feedback, or hold commands with the autopilot off."
+    if not kept:
+        raise DataError(f"{text[0].lower()}{text[1:]}.", mend=mend)
+    try:
+        fit = replace(study, runs=replace(study.runs, items=kept)).drag()
+    except DataError as error:
+        raise DataError(f"{text[0].lower()}{text[1:]}. In the other logs: {error}", mend=mend) from error
+    warnings = (*fit.estimate.warnings, f"{text}: {named(sorted(names))} left out.")
+    return replace(fit, estimate=replace(fit.estimate, warnings=warnings))
 
 
 def require_right_signs(study: Study) -> None:

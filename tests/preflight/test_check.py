@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rovid.preflight.check import check_logs
+from rovid.core.errors import DataError
+from rovid.preflight.check import check_logs, drag_without_feedback
+from rovid.store.study import open_study
 from rovid.trial.config import Config, load_config
 from tests.conftest import SAMPLES, Rovid
 
@@ -34,6 +36,36 @@ def test_holds_sines_and_samples_are_counted(tmp_path: Path) -> None:
     assert hold["samples"] == pytest.approx(20.0 * hold["duration"], rel=0.01)
     low, high = sine["torque_range"]
     assert low < 0.0 < high
+
+
+def heading_hold(seed: int) -> str:
+    """CSV text of 60 s of a heading hold by thrust commands within 0.5 of the curve of the tank, in gusts."""
+    rng, step, inertia = np.random.default_rng(seed), 0.05, 5000.0
+    heading, rate, gust, rows = 0.0, 0.0, 0.0, ["time_s,heading_deg,fore_V,aft_V,roll_deg,pitch_deg,supply_V"]
+    for number in range(1200):
+        command = np.clip(-8.0 * heading - 25.0 * rate + rng.normal(0.0, 0.01), -4.0, 4.0)
+        rows.append(f"{number * step:.2f},{np.degrees(heading) % 360.0:.3f},{command:.3f},{command:.3f},0,0,48")
+        gust += -gust * step / 3.0 + 60.0 * np.sqrt(2.0 * step / 3.0) * rng.normal()
+        rate += step * (60.0 * command + gust - 2000.0 * abs(rate) * rate - 200.0 * rate) / inertia
+        heading += step * rate
+    return "\n".join(rows) + "\n"
+
+
+def test_drag_leaves_out_logs_under_feedback_and_says_so(tmp_path: Path) -> None:
+    holds = sorted(path.name for path in TANK.glob("hold_*.csv"))[:5]
+    config(tmp_path, *holds)
+    plain = drag_without_feedback(open_study([tmp_path])).estimate
+    for seed in range(3):
+        (tmp_path / f"auto_{seed}.csv").write_text(heading_hold(seed), encoding="utf-8")
+    mixed = drag_without_feedback(open_study([tmp_path])).estimate
+    # The cut-off of the rates is chosen from all logs.
+    for name in mixed.names:
+        assert mixed.value(name) == pytest.approx(plain.value(name), rel=2e-3)
+    assert any("auto_0.csv, auto_1.csv, auto_2.csv left out" in warning for warning in mixed.warnings)
+    for name in holds:
+        (tmp_path / name).unlink()
+    with pytest.raises(DataError, match=r"there is feedback.*Run `rovid fit`"):
+        drag_without_feedback(open_study([tmp_path]))
 
 
 def test_a_bad_log_does_not_hide_the_others(tmp_path: Path) -> None:
