@@ -36,6 +36,8 @@ METHODS = {
 }
 # Ratio to the rigid body's inertia beyond which the result is refused. Degrees for radians give a factor of 57.
 _IMPOSSIBLE_RATIO = 20.0
+# Ratio of two standard errors from which they differ: a standard error is known to about a fifth.
+_REPORTED = 1.2
 # Joint standard errors between two methods beyond which they are reported to disagree.
 _DISAGREE_SIGMAS = 4.0
 SINE_ADVICE = (
@@ -124,6 +126,27 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
         regression=regression,
         refused=refused,
     )
+
+
+def with_joint_error(fit: InertiaFit, joint: Estimate) -> InertiaFit:
+    """``fit`` with the standard error of the ``joint`` estimate from the same logs, if that is larger.
+
+    The joint estimate is the efficient one, and its errors include torques that the equation lacks; docs/method.md,
+    (15a). No other method is more accurate on the same data.
+    """
+    estimate = fit.estimate
+    own, error = estimate.standard_error("inertia"), joint.standard_error("inertia")
+    if not error > _REPORTED * own:
+        return fit
+    at, scale = estimate.names.index("inertia"), np.ones(len(estimate.names))
+    scale[at] = error / own
+    text = (
+        f"The standard error, {significant(error, 2)} {estimate.unit('inertia')}, is that of `rovid fit`: it includes "
+        " torques that the equation lacks, such as sway that follows the turn, or a lag."
+    )
+    warnings = (*estimate.warnings, text)
+    covariance = estimate.covariance * np.outer(scale, scale)
+    return replace(fit, estimate=replace(estimate, covariance=covariance, warnings=warnings))
 
 
 def _sine_methods(trials: Sequence[SineTrial], drag: Estimate | None) -> dict[str, InertiaReading]:

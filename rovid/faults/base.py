@@ -1,7 +1,8 @@
 """A kind of fault: detector, remedy, and the data that detectors examine at each stage of reading.
 
-The stages, in order: ``clock`` (the readings of one clock, as logged), ``signal`` (one measured signal), ``command``
-(one command), ``trial`` (one log on one time base), ``campaign`` (all logs), ``runs`` (all logs with torque and rates).
+The stages, in order: ``clock`` (the readings of one clock, as logged), ``clocks`` (the stamps of a log's several
+clocks), ``signal`` (one measured signal), ``command`` (one command), ``trial`` (one log on one time base), ``campaign``
+(all logs), ``runs`` (all logs with torque and rates).
 A detector gets the data of its stage and yields detections, each with a function that applies the remedy.
 """
 
@@ -21,7 +22,7 @@ from rovid.trial.segments import subsampled_median
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster, Vehicle
 
-Stage = Literal["clock", "signal", "command", "trial", "campaign", "runs"]
+Stage = Literal["clock", "clocks", "signal", "command", "trial", "campaign", "runs"]
 Intervals = tuple[tuple[float, float], ...]
 T = TypeVar("T")
 # Number of samples around a fault that a plot shows.
@@ -75,6 +76,16 @@ class ClockData:
         """The readings where the (n,) ``kept`` is true."""
         values = {name: column[kept] for name, column in self.values.items()}
         return replace(self, time=self.time[kept], rows=self.rows[kept], values=values)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClocksData:
+    """The stamps of a log whose motion and commands have clocks, topics or files of their own."""
+
+    log: str
+    measured: FloatArray  #: (n,) s, increasing; readings of the motion.
+    commands: tuple[FloatArray, ...]  #: The same of each clock with commands.
+    unknown: Intervals = ()  #: s, between which nothing is logged.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

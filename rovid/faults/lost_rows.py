@@ -10,14 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.faults.base import ClockData, Detection, FaultKind, Intervals
+from rovid.faults.base import ClockData, ClocksData, Detection, FaultKind, Intervals
 from rovid.trial.fault import Fault
 from rovid.trial.segments import subsampled_median
 
+_Stamps = TypeVar("_Stamps", ClockData, ClocksData)
 # Holes, and share of lost rows, up to which a loss is usual: sensors and recorders lose single rows, and seldom several
 # in succession. With 3 % at most one change of a command in thirty is off by an interval. A log is named where it loses
 # more by this many deviations.
@@ -33,6 +35,8 @@ _SHOWN = 3
 _GAP = 10.0
 # Holes from which their places show whether they are at random; with fewer holes no clock skips every few ticks.
 _PLACES = 5
+# Usual intervals within which most intervals of regular commands lie.
+_REGULAR = 3.0
 # Distance from the median interval, in median intervals, of those whose mean is the usual interval.
 _NEAR = 0.3
 # Distance from a whole multiple of the usual interval, in usual intervals, and share of the intervals within it.
@@ -85,23 +89,46 @@ def _pauses(data: ClockData) -> Iterator[Detection[ClockData]]:
     rows = np.flatnonzero(np.diff(time) > _PAUSE * data.interval)
     if not rows.size:
         return
-    begins, ends = time[rows] - time[0], time[rows + 1] - time[0]
-    holes = [f"{begin:.1f} to {end:.1f} s" for begin, end in zip(begins[:_SHOWN], ends[:_SHOWN], strict=True)]
-    text = f"{data.log}: no row is logged from {' and from '.join(holes)}"
-    if len(rows) > _SHOWN:
-        text += f", and {len(rows) - _SHOWN} more times"
+    yield _pause(
+        data.log, "no row", float(time[0]), tuple(zip(time[rows].tolist(), time[rows + 1].tolist(), strict=True))
+    )
+
+
+def _common_pauses(data: ClocksData) -> Iterator[Detection[ClocksData]]:
+    """Long holes that the motion and all commands have in common, in topics or files of their own."""
+    if min(map(len, (data.measured, *data.commands))) < _FEWEST:
+        return
+    rows = np.flatnonzero(np.diff(data.measured) > _PAUSE * subsampled_median(np.diff(data.measured)))
+    holes = zip(data.measured[rows].tolist(), data.measured[rows + 1].tolist(), strict=True)
+    common = tuple(hole for hole in holes if all(_is_silent(time, *hole) for time in data.commands))
+    if common:
+        yield _pause(data.log, "nothing", float(data.measured[0]), common)
+
+
+def _is_silent(time: FloatArray, begin: float, end: float) -> bool:
+    """Whether readings at the (n,) ``time`` in s, which are regular elsewhere, are absent from ``begin`` to ``end``."""
+    usual, longest = np.percentile(np.diff(time), (50.0, 90.0)).tolist()
+    inside = time[(time > begin + usual) & (time < end - usual)]
+    return not inside.size and longest < _REGULAR * usual and end - begin > _REGULAR * longest + 2.0 * usual
+
+
+def _pause(log: str, what: str, start: float, intervals: Intervals) -> Detection[Any]:
+    """Pauses of a recording between these ``intervals`` in s, from ``start`` on."""
+    holes = [f"{begin - start:.1f} to {end - start:.1f} s" for begin, end in intervals[:_SHOWN]]
+    text = f"{log}: {what} is logged from {' and from '.join(holes)}"
+    if len(intervals) > _SHOWN:
+        text += f", and {len(intervals) - _SHOWN} more times"
     fault = Fault(
         fault="lost_rows",
-        logs=(data.log,),
+        logs=(log,),
         text=f"{text}: the recording paused, or its clock was set ahead.",
-        at=tuple(begins.tolist()),
-        size=float((ends - begins).sum()),
+        at=tuple(begin - start for begin, _ in intervals),
+        size=sum(end - begin for begin, end in intervals),
         unit="s",
         remedy="cut",
     )
     done = "The log was cut there, and each part is a run of its own."
-    intervals = tuple(zip(time[rows].tolist(), time[rows + 1].tolist(), strict=True))
-    yield Detection(fault=fault, done=done, repair=partial(_unknown, intervals=intervals))
+    return Detection(fault=fault, done=done, repair=partial(_unknown, intervals=intervals))
 
 
 def _losses(time: FloatArray) -> tuple[FloatArray, BoolArray] | None:
@@ -155,7 +182,7 @@ def _in_single_steps(values: FloatArray) -> bool:
     return not steps.size or float(np.mean(steps < 1.5 * steps.min())) > _ONE_STEP
 
 
-def _unknown(data: ClockData, intervals: Intervals) -> ClockData:
+def _unknown(data: _Stamps, intervals: Intervals) -> _Stamps:
     return replace(data, unknown=(*data.unknown, *intervals))
 
 
@@ -174,5 +201,12 @@ FURTHER = (
         stage="clock",
         detect=_pauses,
         false_alarms="none: twenty usual intervals without a row are a pause by definition.",
+    ),
+    FaultKind(
+        id="lost_rows",
+        title="Pauses of the recording of several topics",
+        stage="clocks",
+        detect=_common_pauses,
+        false_alarms="none: regular commands and the motion are not silent together by chance.",
     ),
 )

@@ -210,7 +210,9 @@ def drag_without_feedback(study: Study) -> DragFit:
 def require_right_signs(study: Study) -> None:
     """Refuse logs in which a thruster turns the vehicle the other way. Raises LogError if there is one."""
     if found := reversed_thrusters(study):
-        raise LogError(found)
+        axis = study.vehicle.axis
+        mend = f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}."
+        raise LogError(found, mend=mend)
 
 
 def reversed_thrusters(study: Study) -> str:

@@ -22,6 +22,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.faults.base import (
     ClockData,
+    ClocksData,
     ClockStep,
     CommandData,
     SignalData,
@@ -45,12 +46,11 @@ from rovid.trial.trial import Remark, Trial
 from rovid.trial.vehicle import Steering
 
 _TILTS = ("roll", "pitch")
-_Data = TypeVar("_Data", ClockData, SignalData, CommandData, TrialData)
+_Data = TypeVar("_Data", ClockData, ClocksData, SignalData, CommandData, TrialData)
 _MIN_READINGS = 10
 # s; median intervals outside these limits show no dynamics: the unit of time is probably wrong.
 _MAX_INTERVAL, _MIN_INTERVAL = 10.0, 2e-4
-# s; a later start of the trial is remarked upon.
-_LATE_START = 1.0
+_LATE_START = 1.0  # s; a later start of the trial is remarked upon.
 
 
 def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
@@ -168,9 +168,18 @@ class _Builder:
         # The clock of the measured signal comes first: the others may share its steps.
         ordered = sorted(clocks.values(), key=lambda channels: self.measured_signal not in channels)
         series = dict(chain.from_iterable(map(self.one_clock, ordered)))
+        self.find_common_pauses(series)
         if {"north", "east"} <= series.keys() and self.config.signals["north"].is_geodetic:
             series["north"], series["east"] = local_position(series["north"], series["east"])
         return series
+
+    def find_common_pauses(self, series: Mapping[str, TimedSeries]) -> None:
+        """Add the pauses of motion and commands that are not in one table."""
+        measured, commands = series[self.measured_signal], [series[one.name] for one in self.config.commands]
+        stamps = tuple({id(one.time): one.known_time for one in commands if one.time is not measured.time}.values())
+        if stamps and not self.cuts:
+            clocks = ClocksData(log=self.name, measured=measured.known_time, commands=stamps)
+            self.unknown += self.examined("clocks", clocks).unknown
 
     def one_clock(self, channels: Mapping[str, Channel]) -> Iterator[tuple[str, TimedSeries]]:
         first = next(iter(channels))

@@ -151,6 +151,8 @@ def _is_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
 
 
 def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
+    from rovid.readers.csv_dialect import is_datum, plain_name
+
     names = _column_names(one, config)
     if names is None:
         return True  # Reading reports the error.
@@ -161,9 +163,12 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     if not one.asked and PLAN.matches(one.path):
         remarks.append(left_out(one.name, "it is a command file of rovid plan, no log"))
         return False
-    if one.asked or names & _mapped_columns(config):
+    if one.asked or set(map(plain_name, names)) & set(map(plain_name, _mapped_columns(config))):
         return True
-    remarks.append(left_out(one.name, "it holds none of the columns that rovid.toml maps, so it is no log"))
+    why = "it holds none of the columns that rovid.toml maps, so it is no log"
+    if names and all(map(is_datum, names)):
+        why = "its first line holds numbers and no names. If it is a log, give it the header of the others"
+    remarks.append(left_out(one.name, why))
     return False
 
 

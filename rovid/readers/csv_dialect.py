@@ -4,11 +4,11 @@ import codecs
 import csv
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import zip_longest
 from pathlib import Path
-from typing import IO
+from typing import IO, Self
 
 from rovid.core.errors import LogError
 from rovid.trial.tables import suggest_columns
@@ -31,6 +31,8 @@ _SPACED_QUOTE = re.compile(r"[,;\t] +\"")
 _SAMPLE_ROWS = 200
 # A number or a time: a row without one is a header (names, units, short names), or stands before it.
 _DATUM = re.compile(r"(?i)[+-]?(?:\d[\d.,'’ ]*|[.,]\d+)(?:e[+-]?\d+)?|[+-]?(?:nan|inf)|\d{4}-\d\d-\d\d.*|\d\d?:\d\d.*")
+# Signs that begin a comment.
+_COMMENTS = ("#", "%", "//")
 # Number of rows of data in succession that end the header.
 _DATA_ROWS = 3
 # A unit, in brackets or not, with any prefix and power.
@@ -71,13 +73,21 @@ class Layout:
         """Number of columns, with the empty ones of delimiters at line ends."""
         return max(len(self.names), *map(len, self.rows[:5]), 0)
 
-    def refuse_long_rows(self) -> None:
-        """Raise a `LogError` for the first row with more cells than the header, as decimal commas produce."""
+    def is_stray(self, row: Sequence[str]) -> bool:
+        """Whether a row holds no data: a comment, the header once more, or two lines that were written as one."""
+        cells = [cell.strip() for cell in row]
+        is_comment = bool(cells) and cells[0].startswith(_COMMENTS)
+        return is_comment or tuple(cells) == self.titles or any(cells[len(self.names) :])
+
+    def without_stray_rows(self) -> Self:
+        """The layout without stray rows; `LogError` if most rows have too many cells, as decimal commas produce."""
+        kept = tuple(row for row in self.rows if not self.is_stray(row))
         for number, row in enumerate(self.rows):
-            if any(cell.strip() for cell in row[len(self.names) :]):
+            if 2 * len(kept) < len(self.rows) and any(cell.strip() for cell in row[len(self.names) :]):
                 text = f"row {number + 1} holds {len(row)} cells, but the header names {len(self.names)} columns."
                 mend = "Name every column; where the decimal sign is a comma, separate the cells by semicolons."
                 raise LogError(text, where=self.path, mend=mend)
+        return replace(self, rows=kept)
 
     def decimal(self, columns: Collection[int]) -> str:
         """Decimal sign of the first rows in ``columns``."""
@@ -88,6 +98,8 @@ class Layout:
         """Index of the one column ``name``; `LogError` if there is none, or more than one."""
         every = enumerate(zip(self.names, self.titles, strict=True))
         places = [index for index, written in every if name in written]
+        if not places:
+            places = [index for index, written in enumerate(self.names) if plain_name(written) == plain_name(name)]
         if len(places) == 1:
             return places[0]
         if places:
@@ -96,6 +108,16 @@ class Layout:
         near = suggest_columns(name, self.names, self.rows)
         text = f"has no column {name!r}, which rovid.toml maps to {signal}. {near}"
         raise LogError(text, where=self.path, mend=f"Correct the name in rovid.toml ({signal}), or leave this log out.")
+
+
+def is_datum(cell: str) -> bool:
+    """Whether a cell is a number or a time."""
+    return bool(_DATUM.fullmatch(cell.strip()))
+
+
+def plain_name(name: str) -> str:
+    """A column's name without capitals and without spaces around it."""
+    return name.strip().casefold()
 
 
 def read_layout(path: Path, wanted: Collection[str]) -> Layout:

@@ -77,7 +77,13 @@ KIND = "csv"
 _REST = "time.rest"
 # Beginning of a date, or of a date and a time of day.
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}|$)")
-_MISSING = ("", "nan", "NaN", "NAN", "-nan")
+# Words of programs for a missing value: databases, spreadsheets, C and Fortran. People's words are asked about.
+_MISSING = (
+    *("", "nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND"),
+    *("NA", "#N/A", "null", "NULL", "None", "none", "#NUM!", "#VALUE!", "#DIV/0!"),
+)
+# Largest share of rows that hold no data, as comments.
+_MOST_STRAY = 0.1
 # Digits from which on a float64 cannot hold an integer: nanoseconds since 1970.
 _LONG_INTEGER = 16
 # Number of optional columns with text that are left out; each costs another pass over the file.
@@ -88,7 +94,7 @@ def read(path: Path, config: Config) -> RawLog:
     """Mapped columns of ``path``."""
     signals = {"time": required_time(config, KIND), **required_signals(config, KIND, path)}
     layout = read_layout(path, {signal.sources[KIND] for signal in signals.values()})
-    layout.refuse_long_rows()
+    layout = layout.without_stray_rows()
     clock, unit = signals["time"].sources[KIND], signals["time"].unit
     parts = clock_parts(clock, layout.written_names)
     if parts is not None:
@@ -129,7 +135,18 @@ def _read_columns(table: "_Table") -> tuple[pd.DataFrame, list[Remark]]:
     while True:
         try:
             return table.read(), skipped
-        except _NoNumberError as error:
+        except LogError as error:
+            stray = [] if table.has_stray_rows else table.stray_rows()
+            if stray:
+                table = replace(table, has_stray_rows=True)
+                number, shown = stray[0][0], table.layout.delimiter.join(stray[0][1])[:40]
+                text = (
+                    f"{len(stray)} rows hold no data, but a comment, a header or two rows in one; left out. The first"
+                )
+                skipped.append(Remark(kind="skipped", count=len(stray), text=f"{text}, line {number}: {shown}."))
+                continue
+            if not isinstance(error, _NoNumberError):
+                raise
             if not table.signals[error.signal].optional or len(skipped) == _MAX_LEFT_OUT:
                 raise
             skipped.append(Remark(kind="skipped", count=1, text=str(error)))
@@ -158,6 +175,7 @@ class _Table:
     signals: Mapping[str, Signal]
     end: int
     size: int
+    has_stray_rows: bool = False  #: Whether rows without data are left out, which takes another pass.
 
     def read(self) -> pd.DataFrame:
         """The columns as float64; the time as int64 or text where a float would lose digits."""
@@ -203,11 +221,12 @@ class _Table:
 
     def _parse(self, types: Mapping[int, str], decimal: str, *, skip_spaces: bool) -> pd.DataFrame:
         # pandas reads a path in bytes, which is faster than a text file.
-        direct = self.layout.plain and not self.layout.wide and self.end == self.size
-        opened = nullcontext(str(self.layout.path)) if direct else self._body()
-        with np.errstate(all="ignore"), opened as body:
+        direct = self.layout.plain and not self.layout.wide and self.end == self.size and not self.has_stray_rows
+        body = self._rows_of_data if self.has_stray_rows else self._body
+        opened = nullcontext(str(self.layout.path)) if direct else body()
+        with np.errstate(all="ignore"), opened as source:
             frame = pd.read_csv(
-                body,
+                source,
                 engine="c",
                 sep=self.layout.delimiter,
                 decimal=decimal,
@@ -236,6 +255,20 @@ class _Table:
         with self.layout.path.open("rb") as file:
             rows = FilePart(file, self.layout.offset, self.end - self.layout.offset)
             yield io.TextIOWrapper(io.BufferedReader(rows, 1 << 18), encoding="utf-8", errors="replace", newline="")
+
+    @contextmanager
+    def _rows_of_data(self) -> Iterator[IO[str]]:
+        """The body without stray rows."""
+        text = io.StringIO()
+        csv.writer(text, delimiter=self.layout.delimiter, lineterminator="\n").writerows(row for _, row in self._rows())
+        text.seek(0)
+        yield text
+
+    def stray_rows(self) -> list[tuple[int, list[str]]]:
+        """Line number and cells of each row without data; empty if there are so many that the table is none."""
+        every = list(self._rows())
+        stray = [(number, row) for number, row in every if self.layout.is_stray(row)]
+        return stray if len(stray) <= _MOST_STRAY * len(every) else []
 
     def _grouped(self) -> pd.DataFrame | None:
         """The columns, from numbers with thousands separators; None if there are none, or their notation is open."""
@@ -274,7 +307,8 @@ class _Table:
                     text = "has a cell of more than 100 000 characters; a number was expected."
                     mend = "Look for a quotation mark that is opened in this row and never closed."
                     raise LogError(text, where=f"{self.layout.path}:{number}", mend=mend) from error
-                if len(cells) > 1 or any(cell.strip() for cell in cells):
+                is_row = len(cells) > 1 or any(cell.strip() for cell in cells)
+                if is_row and not (self.has_stray_rows and self.layout.is_stray(cells)):
                     yield number, cells
 
     def _error(self, reason: str) -> LogError:

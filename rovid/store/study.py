@@ -3,6 +3,7 @@
 import contextlib
 import math
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +22,7 @@ from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, candidate_model, plan_experiment, require_thrusters
-from rovid.estimate.inertia import InertiaFit, fit_inertia, fit_inertia_table, rigid_body_warnings
+from rovid.estimate.inertia import InertiaFit, fit_inertia, fit_inertia_table, rigid_body_warnings, with_joint_error
 from rovid.estimate.inner_loop import find_inner_loop
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.output_error import Regression
@@ -122,7 +123,10 @@ class Study:
             if self.sine is None:
                 raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
             return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
-        fit = self._marked(fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body))
+        fit = fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body)
+        with suppress(DataError):  # Without a joint fit the error stays that of the method.
+            fit = with_joint_error(fit, fit_likelihood(self.runs.items, self.vehicle).estimate)
+        fit = self._marked(fit)
         if fault := self._impossible(fit.estimate):
             raise _refused(fault)
         return replace(fit, regression=fit.regression and self._marked(fit.regression))

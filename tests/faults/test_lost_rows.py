@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.faults.base import ClockData
+from rovid.faults.base import ClockData, ClocksData, examine
+from rovid.faults.catalogue import fault_kinds
 from rovid.trial.cutting import split
+from rovid.trial.fault import FaultOverrides
 from tests.faults.clocks import COMMANDS, TIME_CONSTANTS, clock, examined, motion, undamaged
 from tests.faults.drives import drives
 
@@ -143,3 +145,19 @@ def sparse(time: FloatArray, has_heading: BoolArray) -> ClockData:
     heading = np.where(has_heading, 1.0 + 0.3 * time + noise, np.nan)
     command: FloatArray = np.round(np.sin(0.3 * np.floor(time / 2.0)), 2).astype(np.float64)
     return clock(time, heading=heading, fore=command)
+
+
+@pytest.mark.parametrize(("interval", "late"), [(0.1, 0.003), (0.4, 0.1)])
+def test_a_pause_that_topics_have_in_common_is_cut(interval: float, late: float) -> None:
+    clocks = np.arange(0.0, 60.0, 0.05), np.arange(late, 60.0, interval)
+    paused = [time[(time < 20.0) | (time > 30.0)] for time in clocks]
+    data = ClocksData(log="a.mcap", measured=paused[0], commands=(paused[1],))
+    (kind,) = fault_kinds("clocks")
+    cut, (fault,) = examine([kind], data, FaultOverrides())
+    assert (fault.fault, fault.remedy, fault.logs) == ("lost_rows", "cut", ("a.mcap",))
+    np.testing.assert_allclose(cut.unknown, [(paused[0][paused[0] < 20.0][-1], 30.05)], atol=0.06)
+    # A heading that is absent while commands go on is a gap; so may be one next to commands on change.
+    going_on = replace(data, commands=(np.arange(0.0, 60.0, interval),))
+    on_change = replace(data, commands=(np.cumsum(np.random.default_rng(0).exponential(3.0, 25)),))
+    assert not examine([kind], going_on, FaultOverrides())[1]
+    assert not examine([kind], on_change, FaultOverrides())[1]

@@ -163,6 +163,29 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
 }
 
 
+def test_rows_without_data_are_left_out_and_counted(tmp_path: Path) -> None:
+    lines = csv_text(standard()).rstrip("\n").split("\n")
+    plain = read_csv(tmp_path, "\n".join((*lines[:13], *lines[15:])) + "\n")
+    dirty = ["# a comment", *lines[:5], "# operator: waves", *lines[5:8], lines[0], *lines[8:13]]
+    found = read_csv(tmp_path, "\n".join((*dirty, lines[13] + lines[14], *lines[15:])) + "\n")
+    np.testing.assert_array_equal(found.position, plain.position)
+    (remark,) = [one for one in found.remarks if "two rows in one" in one.text]
+    assert (remark.count, "line 7: # operator: waves" in remark.text) == (3, True)
+
+
+@pytest.mark.parametrize("word", ["NULL", "None", "#N/A", "-nan(ind)", "1.#QNAN"])
+def test_words_of_programs_for_a_missing_value_are_missing(word: str, tmp_path: Path) -> None:
+    plain, found = read_csv(tmp_path, row(9, "")), read_csv(tmp_path, row(9, word))
+    np.testing.assert_array_equal(found.position, plain.position)
+    assert len(found.remarks) == len(plain.remarks)
+
+
+def test_names_may_differ_in_capitals_and_spaces(tmp_path: Path) -> None:
+    head, rows = csv_text(standard()).split("\n", 1)
+    plain, found = read_csv(tmp_path, f"{head}\n{rows}"), read_csv(tmp_path, f"{head.title()} \n{rows}")
+    np.testing.assert_array_equal(found.position, plain.position)
+
+
 @pytest.mark.parametrize("more", ["s,deg,V\n", "s,deg,V\nt,psi,u\n", "[s],[deg],[V]\n", "long,names,here\ns,deg,V\n"])
 def test_rows_of_units_and_short_names_below_the_header_are_no_data(more: str, tmp_path: Path) -> None:
     head, rows = csv_text(standard()).split("\n", 1)
