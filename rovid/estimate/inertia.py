@@ -142,7 +142,7 @@ def with_joint_error(fit: InertiaFit, joint: Estimate) -> InertiaFit:
     scale[at] = error / own
     text = (
         f"The standard error, {significant(error, 2)} {estimate.unit('inertia')}, is that of `rovid fit`: it includes "
-        " torques that the equation lacks, such as sway that follows the turn, or a lag."
+        "what the equation lacks, such as motion along another axis, or a lag."
     )
     warnings = (*estimate.warnings, text)
     covariance = estimate.covariance * np.outer(scale, scale)
