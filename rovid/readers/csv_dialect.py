@@ -31,6 +31,11 @@ _SPACED_QUOTE = re.compile(r"[,;\t] +\"")
 _SAMPLE_ROWS = 200
 # A number or a time: a row without one is a header (names, units, short names), or stands before it.
 _DATUM = re.compile(r"(?i)[+-]?(?:\d[\d.,'’ ]*|[.,]\d+)(?:e[+-]?\d+)?|[+-]?(?:nan|inf)|\d{4}-\d\d-\d\d.*|\d\d?:\d\d.*")
+# Words of programs for a missing value: databases, spreadsheets, C and Fortran. People's words are asked about.
+MISSING = (
+    *("", "nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND"),
+    *("NA", "#N/A", "null", "NULL", "None", "none", "#NUM!", "#VALUE!", "#DIV/0!"),
+)
 # Signs that begin a comment.
 _COMMENTS = ("#", "%", "//")
 # Number of rows of data in succession that end the header.

@@ -17,7 +17,7 @@ import pandas as pd
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
-from rovid.readers.csv_dialect import Layout, last_whole_line, read_layout
+from rovid.readers.csv_dialect import MISSING, Layout, last_whole_line, read_layout
 from rovid.readers.raw_log import Channel, FilePart, LogContents, RawLog, required_signals, required_time
 from rovid.readers.timestamps import SPLIT, clock_parts, column_to_seconds, guess_clock, start_epoch
 from rovid.trial.axis import Signal
@@ -77,11 +77,6 @@ KIND = "csv"
 _REST = "time.rest"
 # Beginning of a date, or of a date and a time of day.
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}|$)")
-# Words of programs for a missing value: databases, spreadsheets, C and Fortran. People's words are asked about.
-_MISSING = (
-    *("", "nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND"),
-    *("NA", "#N/A", "null", "NULL", "None", "none", "#NUM!", "#VALUE!", "#DIV/0!"),
-)
 # Largest share of rows that hold no data, as comments.
 _MOST_STRAY = 0.1
 # Digits from which on a float64 cannot hold an integer: nanoseconds since 1970.
@@ -211,7 +206,7 @@ class _Table:
     def _time_type(self) -> str:
         at = self.columns["time"]
         cells = [row[at].strip() for row in self.layout.rows if at < len(row)]
-        cell = next((cell for cell in cells if cell not in _MISSING), "0")
+        cell = next((cell for cell in cells if cell not in MISSING), "0")
         is_numeric = any(_is_number(cell, sign) for sign in ".,") or has_thousands(cell)
         if self.signals["time"].unit == "iso8601" or not is_numeric:
             return "str"
@@ -237,7 +232,7 @@ class _Table:
                 usecols=list(map(str, sorted(set(types)))),
                 dtype={str(at): kind for at, kind in types.items()},
                 keep_default_na=False,
-                na_values=[word + space for word in _MISSING for space in ("", " ")],
+                na_values=[word + space for word in MISSING for space in ("", " ")],
                 skipinitialspace=skip_spaces,
                 encoding="utf-8",
                 encoding_errors="replace",
@@ -277,7 +272,7 @@ class _Table:
         for _, row in self._rows():
             for at, column in cells.items():
                 cell = row[at].strip() if at < len(row) else ""
-                column.append("" if cell in _MISSING else cell)
+                column.append("" if cell in MISSING else cell)
         clock = self.columns["time"]
         numeric = [at for at in places if at != clock or self._time_type() != "str"]
         if not any(has_thousands(cell) for at in numeric for cell in cells[at]):
@@ -321,7 +316,7 @@ class _Table:
         for number, cells in self._rows():
             for at, name in numeric.items():
                 cell = cells[at].strip() if at < len(cells) else ""
-                if cell not in _MISSING and not _is_number(cell, decimal):
+                if cell not in MISSING and not _is_number(cell, decimal):
                     shown = cell[:40] + "…" if len(cell) > 40 else cell
                     expected, mend = "a number", "Delete the row or leave the cell empty."
                     if name not in filled:
@@ -389,13 +384,13 @@ def sources(path: Path) -> LogContents:
 def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
     """(n,) numbers, NaN where empty; None if a cell holds text, or all are empty."""
     if any(map(has_thousands, cells)):
-        known = ["" if cell in _MISSING else cell for cell in cells]
+        known = ["" if cell in MISSING else cell for cell in cells]
         fitting = [one for one in (notation.numbers(known) for notation in NOTATIONS) if one is not None]
         return fitting[0] if fitting else None
     values = np.full(len(cells), np.nan)
     for row, cell in enumerate(cells):
         text = cell.replace(",", ".") if layout.delimiter != "," else cell
-        if text in _MISSING:
+        if text in MISSING:
             continue
         try:
             values[row] = float(text)
