@@ -131,8 +131,7 @@ def _read_columns(table: "_Table") -> tuple[pd.DataFrame, list[Remark]]:
         try:
             return table.read(), skipped
         except LogError as error:
-            stray = [] if table.has_stray_rows else table.stray_rows()
-            if stray:
+            if not table.has_stray_rows and (stray := table.stray_rows()):
                 table = replace(table, has_stray_rows=True)
                 number, shown = stray[0][0], table.layout.delimiter.join(stray[0][1])[:40]
                 text = (
@@ -217,8 +216,8 @@ class _Table:
     def _parse(self, types: Mapping[int, str], decimal: str, *, skip_spaces: bool) -> pd.DataFrame:
         # pandas reads a path in bytes, which is faster than a text file.
         direct = self.layout.plain and not self.layout.wide and self.end == self.size and not self.has_stray_rows
-        body = self._rows_of_data if self.has_stray_rows else self._body
-        opened = nullcontext(str(self.layout.path)) if direct else body()
+        indirect = self._rows_of_data if self.has_stray_rows else self._body
+        opened = nullcontext(str(self.layout.path)) if direct else indirect()
         with np.errstate(all="ignore"), opened as source:
             frame = pd.read_csv(
                 source,
@@ -262,7 +261,7 @@ class _Table:
     def stray_rows(self) -> list[tuple[int, list[str]]]:
         """Line number and cells of each row without data; empty if there are so many that the table is none."""
         every = list(self._rows())
-        stray = [(number, row) for number, row in every if self.layout.is_stray(row)]
+        stray = [each for each in every if self.layout.is_stray(each[1])]
         return stray if len(stray) <= _MOST_STRAY * len(every) else []
 
     def _grouped(self) -> pd.DataFrame | None:
