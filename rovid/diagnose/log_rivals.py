@@ -25,7 +25,7 @@ from rovid.core.formatting import plus_minus
 from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.objectives import preload
-from rovid.diagnose.result import Diagnosis, Finding
+from rovid.diagnose.result import DELAYS, Diagnosis, Finding, delays_of_the_sensor
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.clock_offset import CLOCKS_APART
@@ -55,8 +55,6 @@ _LONG_DELAY = 0.5
 # Standard errors by which a delay exceeds the lateness of the stamps, if it is the drive's own. Convention.
 _CERTAIN = 2.0
 _COMMAND_DELAY = "command_delay"
-# Effects that a clock offset between commands and motion resembles.
-_DELAYS = (_COMMAND_DELAY, "thruster_lag")
 
 
 def diagnose_majority(
@@ -329,7 +327,7 @@ def _offset_fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
 def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
     """Warning about delays if commands and motion come from clocks that were not compared."""
     titles = {effect.id: effect.title for cause in causes for effect in (cause.effect, *cause.indistinguishable)}
-    delays = [title for key, title in titles.items() if key in _DELAYS]
+    delays = [title for key, title in titles.items() if key in DELAYS]
     joined = any(remark.kind == "joined" for run in runs for remark in run.trial.remarks)
     if delays and joined:
         yield (
@@ -344,9 +342,8 @@ def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[
 
 
 def _sensor_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
-    """Warning about delays if no logged rate shows the motion: the sensor may be late instead."""
-    delays = [cause.effect.title for cause in causes if cause.effect.id in _DELAYS]
-    if delays and all(run.trial.rate is None for run in runs):
+    """Warning about delays of which the sensor may be the cause."""
+    if delays := delays_of_the_sensor((run.trial for run in runs), causes):
         yield (
             f"The {' and the '.join(delays)} may act in the sensor: a {runs[0].trial.axis.position_words} that a "
             "navigation filter delays or smooths by the same time looks the same in these logs. Log a gyro's rate, or "

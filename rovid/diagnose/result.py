@@ -1,7 +1,7 @@
 """Result of a diagnosis: findings, suspects, models with their scores, and the next experiment."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +16,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, commands_by_name
 from rovid.model.model import Model
 from rovid.trial.fault import Fault
+from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
 # Parameters that no data along one axis identify: other inertia and drag give the same motion.
@@ -26,6 +27,8 @@ UNIDENTIFIABLE = {
     "thruster_imbalance": "an imbalance between thrusters",
     "inertia": "the inertia, and with it the size of every torque and drag, where nothing drives the vehicle",
 }
+# Effects that a clock offset between commands and motion, or a delay of the sensor, resembles.
+DELAYS = ("command_delay", "thruster_lag")
 # Runs that separate two causes best; for other pairs, the run that shows one of them.
 DISCRIMINATING_RUNS = {
     frozenset({"thruster_lag", "command_delay"}): "a fast pseudo-random command, 1 to 3 s a level",
@@ -219,6 +222,12 @@ def _separating(one: Effect, other: Effect, *, untested: bool = False) -> dict[s
     pair = [one.id, other.id]
     run = other.experiment if untested else DISCRIMINATING_RUNS.get(frozenset(pair), one.experiment)
     return {"run": run, "separates": pair, "between": [one.key, other.key]}
+
+
+def delays_of_the_sensor(trials: Iterable[Trial], causes: Sequence[Finding]) -> list[str]:
+    """Titles of the delays among the ``causes`` that the sensor may have, because no logged rate shows the motion."""
+    delays = [cause.effect.title for cause in causes if cause.effect.id in DELAYS]
+    return delays if all(trial.rate is None for trial in trials) else []
 
 
 def first_experiment(diagnosis: Conclusion) -> dict[str, Any] | None:
