@@ -1,9 +1,11 @@
 """Numbers, units and names as text for terminal and page."""
 
+import contextlib
 import math
 from collections.abc import Sequence
 from statistics import median_high
 
+from rovid.core.errors import ConfigError
 from rovid.core.formatting import significant
 from rovid.trial.axis import Axis
 
@@ -62,8 +64,15 @@ def number_with_unit(text: str, unit: str) -> str:
 
 
 def parameter_title(name: str) -> str:
-    """A parameter's name in words, with its symbol where it has one."""
-    return PARAMETER_TITLES.get(name, name.replace("_", " ").replace(".", ": "))
+    """A parameter's name in words, with its symbol where it has one, and with the title of its effect."""
+    from rovid.effects import effect_named
+
+    if title := PARAMETER_TITLES.get(name):
+        return title
+    key, dot, parameter = name.rpartition(".")
+    with contextlib.suppress(ConfigError):  # surge, sway and yaw are no effects
+        key = effect_named(key).title if dot else ""
+    return f"{key}{': ' * bool(dot)}{parameter}".replace("_", " ")
 
 
 def arm_words(axis: Axis) -> tuple[str, str]:

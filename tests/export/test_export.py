@@ -611,7 +611,7 @@ def test_the_text_output_is_short(fitted: Path, rovid: Rovid) -> None:
     assert (done.code, done.err) == (0, "")
     assert done.out.startswith("stonefish.scn\n")
     assert "% of its range" in done.out
-    assert "Not held: quadratic_drag" in done.out
+    assert "Not held: quadratic drag DQ" in done.out
     assert Path("stonefish.scn").is_file()
 
 

@@ -1,13 +1,17 @@
 """Tables of the heading controller and of the exports to simulators."""
 
+import contextlib
 import math
 from collections.abc import Iterator, Mapping
 
 from rovid.control.control_law import ControlLaw
 from rovid.control.design import ClosedLoopResult, ControllerDesign
+from rovid.core.errors import ConfigError
+from rovid.effects import effect_named
 from rovid.export import FORMATS
-from rovid.export.run_export import ExportLoss, VerifiedExport
-from rovid.present.number_format import DASH, equal_decimals, format_number, number_with_unit
+from rovid.export.run_export import VerifiedExport
+from rovid.present.number_format import DASH, equal_decimals, format_number, number_with_unit, parameter_title
+from rovid.present.sentences import effect_title
 from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
 from rovid.trial.assumptions import Assumptions
 
@@ -119,7 +123,7 @@ def formats_table(exports: Mapping[str, VerifiedExport]) -> ResultTable:
         text_column("not held, % of range"),
     )
     for name, made in exports.items():
-        lost = [f"{_loss_title(loss)} {format_number(loss.percent_of_range, '.2g')}" for loss in made.losses]
+        lost = [f"{loss_title(loss.what)} {format_number(loss.percent_of_range, '.2g')}" for loss in made.losses]
         table.add_row(
             name,
             FORMATS[name].file,
@@ -131,9 +135,11 @@ def formats_table(exports: Mapping[str, VerifiedExport]) -> ResultTable:
     return table
 
 
-def _loss_title(loss: ExportLoss) -> str:
-    title, _, form = loss.what.replace("_", " ").partition(":")
-    return f"{title} ({form})" if form else title
+def loss_title(what: str) -> str:
+    """The title of an effect or parameter that a format lacks."""
+    with contextlib.suppress(ConfigError):
+        return effect_title(effect_named(what))
+    return parameter_title(what)
 
 
 def loss_reasons(exports: Mapping[str, VerifiedExport]) -> list[tuple[str, str, str]]:
@@ -141,5 +147,5 @@ def loss_reasons(exports: Mapping[str, VerifiedExport]) -> list[tuple[str, str, 
     formats: dict[tuple[str, str], list[str]] = {}
     for name, made in exports.items():
         for loss in made.losses:
-            formats.setdefault((_loss_title(loss), loss.why), []).append(name)
+            formats.setdefault((loss_title(loss.what), loss.why), []).append(name)
     return [(", ".join(names), title, why) for (title, why), names in formats.items()]

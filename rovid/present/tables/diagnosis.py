@@ -50,7 +50,7 @@ def alternative_status(finding: Finding, alternative: Alternative | OtherCause) 
     return "ruled out"
 
 
-def models_table(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]) -> ResultTable:
+def models_table(base: Estimate, extended: Estimate) -> ResultTable:
     """Parameters without and with the causes."""
     table = ResultTable(
         "Parameters ± standard error of the plain and of the extended model",
@@ -66,13 +66,8 @@ def models_table(base: Estimate, extended: Estimate, findings: tuple[Finding, ..
             cells[place] = plus_minus(ratio.value, ratio.standard_error)
     for title, cells in ratios.items():
         table.add_row(title, *cells)
-    titles = {}
-    for effect in (finding.effect for finding in findings):
-        for parameter in effect.parameters:
-            title = f"{effect.title}: {parameter.name.replace('_', ' ')}"
-            titles[f"{effect.key}.{parameter.name}"] = base.axis.reword(title)
     for name in dict.fromkeys((*base.names, *extended.names)):
-        title = titles.get(name) or parameter_title(name)
+        title = base.axis.reword(parameter_title(name))
         unit = unit_symbol((base if name in base.names else extended).unit(name))
         if unit:
             # The first column stays visible on a narrow page: its unit is not broken.

@@ -31,6 +31,7 @@ from rovid.present.console import (
 )
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.sentences import fit_verdict
+from rovid.present.tables.control import loss_title
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.store.study import Study
@@ -281,7 +282,7 @@ def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
         print_text(console, f"without the parts that the target lacks: {size}")
     for loss in made.losses:
         share = f", {format_number(loss.percent_of_range, 2)} % of range" if holds_model else ""
-        print_labelled(console, "Not held:", f"{loss.what}{share}: {loss.why}.", "red")
+        print_labelled(console, "Not held:", f"{loss_title(loss.what)}{share}: {loss.why}.", "red")
     show_stability(console, made.stability, "Stability:" if holds_model else "Vehicle without control:")
     show_warnings(console, made.warnings)
 
