@@ -198,7 +198,7 @@ def guess_thrusters(
                 neutral=neutral[source],
                 lowest=low,
                 highest=high,
-                reason=f"{origin}; {low:.4g} to {high:.4g} in all logs, no thrust at {neutral[source]:g}; {reason}",
+                reason=f"{origin}; {low:.4g} to {high:.4g}, no thrust at {neutral[source]:g}; {reason}",
                 arm=arm,
                 direction_known=bool(direction or (yaw and (output or mixed or label))),
                 in_percent=bool(name_words(source) & _PERCENT) or "%" in source,

@@ -195,7 +195,8 @@ def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -
     if discriminates:
         gain, caption = "log-likelihood", f"Runs that distinguish {plan.models[0].name} from {plan.models[1].name}"
     else:
-        gain, caption = "variance divided by", f"Runs that make {plan.parameter.replace('_', ' ')} more certain"
+        gain = "factor"
+        caption = f"Runs by the factor that divides the variance of the {plan.parameter.replace('_', ' ')}"
     columns = map(mixed_number_column, ("minutes", f"{gain} a minute", gain))
     table = ResultTable(caption, text_column("run"), *columns)
     for best in plan.runs[:_RUNS_SHOWN]:
