@@ -94,7 +94,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
             rest = without(rest, log.name)
         model = fit_quick_model(rest.runs, data.vehicle)
     yield from found
-    groups = [] if model is None or data.vehicle.planar else _significant_groups(model)
+    groups = [] if model is None or data.vehicle.planar else significant_groups(model)
     if groups:
         yield _two_payloads(max(groups, key=lambda each: each.ratio))
 
@@ -147,7 +147,7 @@ def without(data: RunsData, log: str) -> RunsData:
 def minority_payload(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:
     """The smaller of two groups of logs with another inertia or drag; empty if another scale of all thrust may act."""
     model = fit_quick_model(runs, vehicle)
-    groups = [] if model is None else _significant_groups(model)
+    groups = [] if model is None else significant_groups(model)
     if not groups or any(each.quantity == _BOTH for each in groups):
         return ()
     return max(groups, key=lambda each: each.ratio).smaller
@@ -169,7 +169,7 @@ def _two_payloads(groups: _Groups) -> Detection[RunsData]:
     return Detection(fault=fault, done="No log was set aside: fit each kind by itself.")
 
 
-def _significant_groups(model: QuickModel) -> list[_Groups]:
+def significant_groups(model: QuickModel) -> list[_Groups]:
     """The best split in two groups by each quantity, if it is significant."""
     logs = model.logs
     own, weights = _own_estimates(logs)

@@ -16,7 +16,8 @@ from functools import partial
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import Detection, FaultKind, RunsData
+from rovid.faults.base import Detection, FaultKind, RunsData, named
+from rovid.faults.foreign_log import significant_groups
 from rovid.faults.quick_model import fit_quick_model, solved
 from rovid.faults.unit_mismatch import mismatch_text, unit_of
 from rovid.trial.fault import Fault
@@ -41,9 +42,9 @@ _IMPOSSIBLE, _DEGREES = 20.0, 57.2958
 # Largest share of the curve that commands of another, smaller unit use: volts of a curve in percent use a half at most.
 _SMALL_PART = 0.5
 _WRONG = " A unit is wrong: "
-_SIGN = " A unit or a sign is wrong: "
+_CAUSES = " Possible causes: "
 # Standard errors by which a fit must be below its limit.
-_SIGNIFICANT = 4.0
+_CAUSESIFICANT = 4.0
 # Share of the torque that turned arms leave over the share that the logged ones leave: commands that go together fit
 # both alike.
 _AS_WELL = 1.2
@@ -63,7 +64,11 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
 
 def _others(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:
     """Causes of an impossible inertia besides a factor, in words."""
-    return (*_turned_arms(runs, vehicle), *_other_unit(runs, vehicle))
+    model = fit_quick_model(runs, vehicle)
+    groups = [] if model is None else significant_groups(model)
+    mixed = max(groups, key=lambda each: each.ratio).smaller if groups else ()
+    two = f"logs of two vehicles in one folder ({named(mixed)} and the others)"
+    return (*((two,) if mixed else ()), *_turned_arms(runs, vehicle), *_other_unit(runs, vehicle))
 
 
 def _turned_arms(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[str]:
@@ -124,7 +129,7 @@ def _command_unit(inertia: float, runs: Sequence[Run], vehicle: Vehicle, fault: 
     if not _FIT_LIMIT < factor * inertia / reference < _LARGEST_RATIO:
         return None
     text, names = next(iter(texts.items()))
-    inertia_text = re.split(f"{_WRONG}|{_SIGN}", fault.text)[0]
+    inertia_text = re.split(f"{_WRONG}|{_CAUSES}", fault.text)[0]
     return replace(fault, fault="unit_mismatch", text=f"Commands of {' and '.join(names)} {text} {inertia_text}")
 
 
@@ -141,9 +146,9 @@ def _fault(
 ) -> Fault | None:
     """The fault of an inertia beyond the limits; ``causes`` gives those besides a factor, in words."""
     reference = vehicle.reference_inertia
-    if reference is not None and inertia - _SIGNIFICANT * (error or 0.0) > _IMPOSSIBLE * reference:
+    if reference is not None and inertia - _CAUSESIFICANT * (error or 0.0) > _IMPOSSIBLE * reference:
         return _too_large(inertia, vehicle, reference, causes())
-    if reference is None or not 0.0 < inertia + _SIGNIFICANT * (error or 0.0) < limit * reference:
+    if reference is None or not 0.0 < inertia + _CAUSESIFICANT * (error or 0.0) < limit * reference:
         return None
     ratio, others = inertia / reference, causes()
     fitting = [factor for factor in _UNITS if _LEAST_RATIO < ratio * factor < _LARGEST_RATIO]
@@ -151,7 +156,7 @@ def _fault(
     unit = "kg m^2" if axis.angular else "kg"
     text = (
         f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
-        f"{unit}, which is impossible: water only adds to it.{_SIGN if others else _WRONG}"
+        f"{unit}, which is impossible: water only adds to it.{_CAUSES if others else _WRONG}"
         f"{'; or '.join((*others, *(_UNITS[factor] for factor in fitting))) or 'check the thrust'}. "
         f"Check the curve's newtons, {axis.arm_key}, mass and size."
     )

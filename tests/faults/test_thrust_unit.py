@@ -11,7 +11,7 @@ from rovid.faults.base import RunsData, examine
 from rovid.faults.thrust_unit import FAULT, inertia_fault
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
-from tests.faults.days import VEHICLES, day
+from tests.faults.days import VEHICLES, day, scaled
 from tests.synthetic import LOGGED, VOLTS
 
 
@@ -107,3 +107,14 @@ def test_a_thruster_with_the_wrong_sign_is_another_explanation() -> None:
     _, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=vehicle), FaultOverrides())
     assert fault.stops
     assert "the sign of yaw_arm or command of aft (with it turned around the inertia is 1." in fault.text
+
+
+def test_two_vehicles_in_one_folder_are_another_explanation() -> None:
+    """The inertia of all logs is below the rigid body's, which belongs to a third vehicle."""
+    own = VEHICLES["small"][0]
+    names = [run.trial.name for run in day("small", 0)][::2]
+    mixed = day("small", 0, dict.fromkeys(names, scaled(own, 1.3, 1.0)), disturbance=0.005)
+    vehicle = replace(LOGGED, rigid_body_inertia=2.5 * own.inertia)
+    for runs, expected in ((mixed, True), (day("small", 0), False)):
+        _, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=vehicle), FaultOverrides())
+        assert ("logs of two vehicles in one folder (" in fault.text) == expected
