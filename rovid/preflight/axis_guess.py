@@ -63,7 +63,7 @@ def axis_signals(axis: Axis, columns: Columns, shared: Columns, chosen: str) -> 
 
 
 def _axis_rank(axis: Axis, words: set[str], unit: str) -> int:
-    """Rank of a column as a measurement along ``axis`` by its name; 0 for other quantities."""
+    """Rank of a column as a measurement along ``axis`` by name; 0 for other quantities."""
     named = words & _AXIS_WORDS[axis.name]
     if words & _NOT_MEASURED:
         return 0
@@ -84,7 +84,7 @@ def _axis_signal(axis: Axis, source: str, words: set[str], unit: str, values: Fl
     name = axis.rate_signal if is_rate else axis.position_signal
     if axis.name == "heave" and not is_rate and not words & (_DEPTH | _HEIGHT):
         name = "heave_position"
-    sign, reason = 1, f"by its name; {values.min():.4g} to {values.max():.4g}"
+    sign, reason = 1, f"by name; {values.min():.4g} to {values.max():.4g}"
     if unit:
         detail = "; the unit by its name"
     elif not axis.angular:
@@ -218,7 +218,7 @@ def _position(name: str, columns: Columns) -> SignalGuess | None:
         if not words & _MAP[name] or words & _NOT_POSITION or (unit and unit not in LENGTH_UNITS):
             continue
         if len(values) >= MIN_SAMPLES and np.ptp(values) > 0.0:
-            reason = f"by its name; {values.min():.4g} to {values.max():.4g}"
+            reason = f"by name; {values.min():.4g} to {values.max():.4g}"
             return SignalGuess(source=source, unit=unit or "m", reason=reason)
     return None
 
@@ -233,7 +233,7 @@ def _fix(name: str, columns: Columns) -> SignalGuess | None:
         low, high = np.quantile(values, (0.01, 0.99))
         unit = "deg" if max(-low, high) <= limit else _SCALED
         if low < high and max(-low, high) * GEODETIC_UNITS[unit] <= limit * GEODETIC_UNITS["deg"]:
-            reason = f"by its name; {values.min():.9g} to {values.max():.9g}, {unit}"
+            reason = f"by name; {values.min():.9g} to {values.max():.9g}, {unit}"
             return SignalGuess(source=source, unit=unit, reason=reason)
     return None
 

@@ -138,7 +138,7 @@ def guess_rudder(
     unit, origin = named_unit(source), "the unit by its name"
     if unit not in ANGLE_UNITS:
         unit, origin = ("deg", "more than a right angle in radians") if largest > _LARGEST_RAD else ("rad", "assumed")
-    angle = SignalGuess(source=source, unit=unit, reason=f"by its name; up to {largest:.4g}, {unit}: {origin}")
+    angle = SignalGuess(source=source, unit=unit, reason=f"by name; up to {largest:.4g}, {unit}: {origin}")
     others = {one: logged for one, logged in columns.items() if one not in {source, speed.source}}
     return _by_motion(logs, heading, angle, speed, name, neutral_values(others, hints)), speed
 
@@ -151,13 +151,13 @@ def speed_question(columns: Columns) -> str:
     others = [name for name, logged in columns.items() if name not in angles and np.ptp(finite_values(logged)) > 0.0]
     candidates = ", ".join(others[:_MAX_CANDIDATES])
     return (
-        f"{angles[0]} is the angle of a rudder or of wheels, by its name, and no column is a speed by its name. Name "
+        f"{angles[0]} is the angle of a rudder or of wheels, by name, and no column is a speed by its name. Name "
         f'both with --command "{angles[0]},SPEED"; SPEED may be one of {candidates or "no column here: log it"}.'
     )
 
 
 def is_steered(source: str) -> bool:
-    """Whether a column belongs to a rudder or to steered wheels by its name, as an angle or an order."""
+    """Whether a column belongs to a rudder or to steered wheels by name, as an angle or an order."""
     return bool(name_words(source) & _STEERING)
 
 
@@ -182,7 +182,7 @@ def _is_steering(source: str, logged: Sequence[RawColumn], chosen: Sequence[str]
 
 
 def _speed_rank(source: str, logged: Sequence[RawColumn]) -> int:
-    """Rank of a column as the speed ahead by its name; 0 for other quantities."""
+    """Rank of a column as the speed ahead by name; 0 for other quantities."""
     words, unit, values = name_words(source), ending_unit(source), finite_values(logged)
     if words & _NOT_AHEAD or (unit and unit not in SPEED_UNITS):
         return 0
@@ -203,14 +203,10 @@ def _speed_signal(source: str) -> tuple[str, SignalGuess]:
     """Name in rovid.toml of a speed, and the guess."""
     words, unit = name_words(source), ending_unit(source)
     if words & RPM:
-        return "propeller_speed", SignalGuess(
-            source=source, reason="by its name; the flow at a rudder behind a propeller"
-        )
+        return "propeller_speed", SignalGuess(source=source, reason="by name; the flow at a rudder behind a propeller")
     if words & ORDER or (words <= _SYMBOLS and not unit):
-        return "ordered_speed", SignalGuess(
-            source=source, reason="by its name: a speed, measured or ordered; m/s assumed"
-        )
-    reason = "by its name; the unit by its name" if unit else "by its name; m/s assumed"
+        return "ordered_speed", SignalGuess(source=source, reason="by name: a speed, measured or ordered; m/s assumed")
+    reason = "by name; the unit by its name" if unit else "by name; m/s assumed"
     return "surge_velocity", SignalGuess(source=source, unit=unit or "m/s", reason=reason)
 
 

@@ -40,13 +40,13 @@ class ShaftGuess:
 
 
 def lone_yaw_rate(columns: Columns, chosen: str) -> SignalGuess | None:
-    """A yaw rate by its name, or ``chosen`` by the user, where no heading is logged; its unit by name or values."""
+    """A yaw rate by name, or ``chosen`` by the user, where no heading is logged; its unit by name or values."""
     for source in [chosen] if chosen in columns else filter(is_yaw_rate, columns):
         values = finite_values(columns[source])
         if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
             continue
         unit = ending_unit(source) if ending_unit(source) in ANGULAR_RATE_UNITS else ""
-        reason = "chosen by you" if chosen else "by its name"
+        reason = "chosen by you" if chosen else "by name"
         reason = f"{reason}; {values.min():.4g} to {values.max():.4g}; no heading is logged"
         if not unit:
             # rad/s, faster than vehicles turn.
@@ -76,7 +76,7 @@ def guess_shaft(columns: Columns, logs: Sequence[Log], chosen: str, commands: Se
     drive = drives[0]
     response = respond(logs, motion, lambda log: _held(log, drive))
     direction = int(np.sign(response.gain)) if response.r2 >= MIN_R2 else 0
-    origin = "chosen by you" if chosen else "by its name, and no column is a heading"
+    origin = "chosen by you" if chosen else "by name, and no column is a heading"
     rate = replace(motion, reason=f"{origin}: the speed of a shaft on a bench; {motion.unit} by its name")
     remarks = list(_other_motors(speeds, columns, orders[:1] or drives[:1]))
     if not orders:
@@ -86,7 +86,7 @@ def guess_shaft(columns: Columns, logs: Sequence[Log], chosen: str, commands: Se
         other = (currents or others)[0]
         option = f'--heading "{speed}" --command "{other}"'
         remarks.insert(0, f"{drive} is an order to a controller: no inertia follows from it. {option} takes {other}.")
-    reason = f"by its name: the order to a controller; the speed follows it (R2 {response.r2:.2f})"
+    reason = f"by name: the order to a controller; the speed follows it (R2 {response.r2:.2f})"
     order = SignalGuess(source=drive, unit=rate_unit(drive) or motion.unit, sign=direction or 1, reason=reason)
     return ShaftGuess(signals={"yaw_rate": rate, "yaw_rate_order": order}, commands=(), remarks=tuple(remarks))
 
@@ -153,7 +153,7 @@ def _motor_command(source: str, logged: Sequence[RawColumn], direction: int, res
         neutral=0.0,
         lowest=low,
         highest=high,
-        reason=f"by its name; {low:.4g} to {high:.4g}; {turns}",
+        reason=f"by name; {low:.4g} to {high:.4g}; {turns}",
         direction_known=bool(direction),
         is_motor=True,
     )

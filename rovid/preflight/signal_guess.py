@@ -100,9 +100,7 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
         position = next(iter(signals.values()), None)
     supply = _supply(shared, {signal.source for signal in signals.values()} | {*hints.commands})
     if supply is not None:
-        signals["supply_voltage"] = SignalGuess(
-            source=supply, reason="by its name; the diagnosis tests for its influence"
-        )
+        signals["supply_voltage"] = SignalGuess(source=supply, reason="by name; the diagnosis tests for its influence")
     taken = {signal.source for signal in signals.values()}
     free = {source: logged for source, logged in columns.items() if source not in taken}
     rudders, commands = _drives(free, logs, position, hints, signals)
@@ -176,7 +174,7 @@ def _torque(
         if not is_torque(source, values) or words & (NOT_HEADING | LIGHT):
             continue
         effect = CommandEffect() if heading is None else command_effects({source: 0.0}, logs, heading)[source]
-        sign, reason = 1, f"by its name; {_range(values)}"
+        sign, reason = 1, f"by name; {_range(values)}"
         if effect.direction < 0:
             sign, reason = -1, f"{reason}; more of it turns the heading down ({effect.text}): sign changed here"
         return SignalGuess(source=source, unit="kN m" if "knm" in words else "N m", sign=sign, reason=reason)
@@ -210,7 +208,7 @@ def _yaw_signals(
 
 
 def _heading(columns: Columns) -> SignalGuess | None:
-    """Heading by its name, by an orientation, or by jumps of a whole turn."""
+    """Heading by name, by an orientation, or by jumps of a whole turn."""
     measured = [source for source in columns if _may_be_heading(source)]
     named = [source for source in measured if name_words(source) & HEADING_WORDS or _is_planar(source, columns)]
     oriented = [source for source, logged in columns.items() if logged[0].radians]
@@ -229,7 +227,7 @@ def _heading(columns: Columns) -> SignalGuess | None:
         # A column that jumps is an angle for sure. Among several, the finest resolution is best.
         rank = (jumps, len(np.unique(finite_values(columns[source]))))
         if best is None or rank > best_rank:
-            reason = f"by its name; {reason}" if named else f"{reason}; {UNNAMED}"
+            reason = f"by name; {reason}" if named else f"{reason}; {UNNAMED}"
             best, best_rank = SignalGuess(source=source, unit=unit, reason=reason), rank
     return best
 
@@ -279,7 +277,7 @@ def _angle_unit(source: str, logged: Sequence[RawColumn]) -> tuple[str, str]:
 
 
 def _tilt(columns: Columns, name: str, known: frozenset[str], heading: SignalGuess | None) -> SignalGuess | None:
-    """Roll or pitch by its name; "phi_p" is no roll."""
+    """Roll or pitch by name; "phi_p" is no roll."""
     unwanted = _NOT_TILT | ({"r", "p", "y"} - {name[0]})
     for source, logged in columns.items():
         words = name_words(source)
@@ -295,13 +293,13 @@ def _tilt(columns: Columns, name: str, known: frozenset[str], heading: SignalGue
             unit = "deg" if heading is None else heading.unit
             reason = f": assumed to be in {unit}{'' if heading is None else ' like the heading'}"
         return SignalGuess(
-            source=source, unit=unit, reason=f"by its name; {values.min():.3g} to {values.max():.3g}{reason}"
+            source=source, unit=unit, reason=f"by name; {values.min():.3g} to {values.max():.3g}{reason}"
         )
     return None
 
 
 def _yaw_rate(columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess) -> SignalGuess | None:
-    """A gyro by its name, with unit and sign from its regression on the rate of the heading."""
+    """A gyro by name, with unit and sign from its regression on the rate of the heading."""
     for source in columns:
         if source == heading.source or not is_yaw_rate(source):
             continue
@@ -316,8 +314,8 @@ def _yaw_rate(columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading
         # The geometric mean of 1 and the number of degrees in a radian.
         unit = "deg/s" if ratio > np.sqrt(180.0 / np.pi) else "rad/s"
         if correlation > 0.0:
-            return SignalGuess(source=source, unit=unit, reason="by its name; it follows the rate of the heading")
-        reason = "by its name; it follows the negative rate of the heading: sign changed here"
+            return SignalGuess(source=source, unit=unit, reason="by name; it follows the rate of the heading")
+        reason = "by name; it follows the negative rate of the heading: sign changed here"
         return SignalGuess(source=source, unit=unit, sign=-1, reason=reason)
     return None
 

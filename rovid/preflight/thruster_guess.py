@@ -188,7 +188,7 @@ def guess_thrusters(
         names.append(distinct_name(output.name if output else short_name(source), names))
         effect = effects.get(source, CommandEffect())
         direction, arm, reason = _direction(source, label, hints, effect, mixed)
-        origin = output.reason if output else "chosen by you" if source in hints.commands else "by its name"
+        origin = output.reason if output else "chosen by you" if source in hints.commands else "by name"
         low, high = float(values.min()), float(values.max())
         commands.append(
             ThrusterCommand(

@@ -343,7 +343,7 @@ def clock_parts(clock: str, present: Collection[str]) -> ClockParts | None:
 def guess_clock(numbers: Mapping[str, FloatArray], dated: Sequence[str], texts: Sequence[str] = ()) -> str:
     """The most likely time among columns of ``numbers``, of dates, and of ``texts``; empty if there is none.
 
-    The order of preference: seconds in two columns; by its name; dates and times of day; by its name, where stamps
+    The order of preference: seconds in two columns; by name; dates and times of day; by name, where stamps
     repeat or step back, which is a fault to report; the first column of numbers that does not count rows.
     """
     splits = [parts for name in numbers if (parts := clock_parts(name, numbers)) is not None]

@@ -124,7 +124,7 @@ def test_chosen_signals_keep_a_valid_reason(tmp_path: Path) -> None:
     chosen = {"heading": heading, "depth tank": SignalGuess(source="supply_V", sign=-1, reason="")}
     survey = by_hand(tmp_path / "day", UserOverrides(signals={"csv": chosen}))
     signals = survey.mappings["csv"].signals
-    assert signals["heading"].reason.startswith("by its name")
+    assert signals["heading"].reason.startswith("by name")
     assert signals["depth tank"].reason == CHOSEN
     read = load_config(write(survey)).signals
     assert read["depth tank"].factor == -1.0

@@ -90,7 +90,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def slow(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """What took long, by its name; what is there is not worked out again, for it is the same at any width."""
+    """What took long, by name; what is there is not worked out again, for it is the same at any width."""
     kept: dict[str, Any] = {}
     for owner, name in (
         (check, "check_logs"),

@@ -340,7 +340,7 @@ def _guess_table(survey: LogSurvey) -> ResultTable:
             table.add_row(f"angle of {rudder.name}", rudder.angle.source, rudder.angle.unit, rudder.angle.reason)
     for planar in survey.planar.values() if survey.with_planar else ():
         if planar.propeller[0]:
-            table.add_row("command of propeller", planar.propeller[0], "", "by its name; it does not turn the vehicle")
+            table.add_row("command of propeller", planar.propeller[0], "", "by name; it does not turn the vehicle")
         for name, signal_guess in planar.signals.items():
             table.add_row(name, signal_guess.source, signal_guess.unit, signal_guess.reason)
     return table

@@ -93,7 +93,7 @@ def test_there_is_room_for_all_where_it_is_wide() -> None:
 
 def test_text_alone_is_folded_and_never_left_out() -> None:
     rows = ResultTable("", *map(text_column, ("signal", "taken from", "why")))
-    rows.add_row("command of servo_output_raw_servo12_raw", "SERVO_OUTPUT_RAW.servo12_raw", "by its name; 1100 to 1660")
+    rows.add_row("command of servo_output_raw_servo12_raw", "SERVO_OUTPUT_RAW.servo12_raw", "by name; 1100 to 1660")
     for width in (24, 30, 60, 80, 200):
         lines = printed(rows, width)
         assert max(map(cell_len, lines)) <= width
