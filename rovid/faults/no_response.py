@@ -46,6 +46,8 @@ _FULL_HOLD, _HELD = 0.5, 0.1
 _INTERRUPTED = 5
 # Length of a window in time constants, and its smallest number of samples.
 _WINDOW, _MIN_SAMPLES = 5.0, 20
+# Equal readings in succession that a vehicle under thrust hardly has.
+_FROZEN = 50
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
@@ -183,6 +185,10 @@ def _found(
             f"{name}: the vehicle does not respond from {at:.1f} to {end:.1f} s. The command is held there, but its "
             f"{axis.force_name} was absent, as after a breaker opened."
         )
+    if (count := max(map(_equal_readings, runs))) >= _FROZEN:
+        text += (
+            f" {count} successive readings of the {axis.position_words} are equal: its sensor or topic may be frozen."
+        )
     fault = Fault(
         fault="no_response",
         logs=(name,),
@@ -196,6 +202,13 @@ def _found(
     if at is not None:
         done = "The log was set aside. To use its other part, leave that stretch out under [[leave_out]] in rovid.toml."
     return Detection(fault=fault, done=done, repair=partial(without, log=name))
+
+
+def _equal_readings(run: Run) -> int:
+    """Largest number of successive readings of the position that are equal."""
+    position = run.trial.position[run.trial.measured]
+    changes = np.flatnonzero(np.diff(position, prepend=np.nan, append=np.nan) != 0.0)
+    return int(np.diff(changes).max(initial=0))
 
 
 def _motion(run: Run) -> float:

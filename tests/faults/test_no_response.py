@@ -11,6 +11,7 @@ import pytest
 from rovid.faults.base import RunsData, examine
 from rovid.faults.no_response import FAULT
 from rovid.trial.fault import FaultOverrides
+from rovid.trial.preprocessing import prepare_trials
 from rovid.trial.vehicle import Rudder
 from tests.faults.days import VEHICLES, day
 from tests.faults.drives import drives, found, undamaged
@@ -28,6 +29,15 @@ def test_a_log_without_motion_is_named_and_set_aside(vehicle: str, name: str, se
     assert len(data.runs) == 9
     kept, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides(kept={FAULT.id: (name,)}))
     assert (fault.remedy, len(kept.runs)) == ("none", 10)
+
+
+def test_a_heading_that_repeats_one_reading_may_be_frozen() -> None:
+    runs = [run.trial for run in day("small", 1)]
+    last = len(runs[-1].time) // 2
+    frozen = np.where(np.arange(len(runs[-1].time)) < last, runs[-1].position, runs[-1].position[last])
+    stuck = prepare_trials([*runs[:-1], replace(runs[-1], position=frozen)], LOGGED).items
+    _, (fault,) = examine([FAULT], RunsData(runs=stuck, vehicle=LOGGED), FaultOverrides())
+    assert f"{len(frozen) - last} successive readings of the heading are equal" in fault.text
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
