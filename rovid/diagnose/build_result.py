@@ -33,6 +33,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, plan_experiment
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
+from rovid.estimate.missing_torque import lacks_torque
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS as HORIZON_SECONDS
@@ -64,7 +65,7 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         verdict = "found"
     elif possible:
         verdict = "suspected"
-    elif signals or model.at_limit or model.simulated_r2 < INNOVATIONS_R2:
+    elif signals or model.at_limit or model.simulated_r2 < INNOVATIONS_R2 or _lacks_torque(selection, model):
         verdict = "unexplained"
     disturbance, _ = model.disturbance
     # The limit of the disturbance is that of the selected model: only then the held-out likelihoods are comparable.
@@ -97,6 +98,13 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         warnings=tuple(warnings),
         fitted=None if model.data.means_only else CandidateModel.from_fit("the model", model, estimate.covariance),
     )
+
+
+def _lacks_torque(selection: Selection, model: FitResult) -> bool:
+    """Whether the one-step predictions of the ``model``, next to any disturbance and waves, still lack a torque."""
+    if selection.waves is None:
+        return not model.data.means_only and lacks_torque(model.canonical())
+    return selection.waves.is_broad or lacks_torque(selection.waves.likelier)
 
 
 def _assess(

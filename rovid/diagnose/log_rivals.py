@@ -25,7 +25,7 @@ from rovid.core.formatting import plus_minus
 from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.objectives import preload
-from rovid.diagnose.result import DELAYS, Diagnosis, Finding, delays_of_the_sensor
+from rovid.diagnose.result import Diagnosis, Finding, delays_of_the_sensor, is_delay
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.clock_offset import CLOCKS_APART
@@ -240,7 +240,7 @@ def _without_offset(
     findings = [finding for finding in diagnosis.findings if finding in every]
     suspects = [finding for finding in diagnosis.suspects if finding in every]
     for delay in [
-        finding for finding in findings if finding.effect.id == _COMMAND_DELAY and _may_be_offset(finding, runs)
+        finding for finding in findings if is_delay(finding.effect, (_COMMAND_DELAY,)) and _may_be_offset(finding, runs)
     ]:
         findings.remove(delay)
         rivals = (*delay.indistinguishable, CLOCKS_APART)
@@ -264,7 +264,7 @@ def _may_be_offset(delay: Finding, runs: Sequence[Run]) -> bool:
 
 def _is_scatter(finding: Finding, offset: Finding) -> bool:
     """Whether a command delay leaves the commands ahead of their stamps: stamps that are late by chance, no delay."""
-    if finding.effect.id != _COMMAND_DELAY:
+    if not is_delay(finding.effect, (_COMMAND_DELAY,)):
         return False
     (delay, error), (lead, lead_error) = _size(finding, "delay"), _size(offset, "lead")
     return delay - lead < _CERTAIN * math.hypot(error, lead_error)
@@ -326,8 +326,9 @@ def _offset_fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
 
 def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
     """Warning about delays if commands and motion come from clocks that were not compared."""
-    titles = {effect.id: effect.title for cause in causes for effect in (cause.effect, *cause.indistinguishable)}
-    delays = [title for key, title in titles.items() if key in DELAYS]
+    every = [effect for cause in causes for effect in (cause.effect, *cause.indistinguishable)]
+    titles = {effect.id: effect.title for effect in every if is_delay(effect)}
+    delays = titles.values()
     joined = any(remark.kind == "joined" for run in runs for remark in run.trial.remarks)
     if delays and joined:
         yield (

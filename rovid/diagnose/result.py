@@ -1,7 +1,7 @@
 """Result of a diagnosis: findings, suspects, models with their scores, and the next experiment."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -224,9 +224,14 @@ def _separating(one: Effect, other: Effect, *, untested: bool = False) -> dict[s
     return {"run": run, "separates": pair, "between": [one.key, other.key]}
 
 
+def is_delay(effect: Effect, ids: Collection[str] = DELAYS) -> bool:
+    """Whether ``effect`` has one of the ``ids`` and acts at all times, as a late clock or sensor does."""
+    return effect.id in ids and effect.form != "reversal"
+
+
 def delays_of_the_sensor(trials: Iterable[Trial], causes: Sequence[Finding]) -> list[str]:
     """Titles of the delays among the ``causes`` that the sensor may have, because no logged rate shows the motion."""
-    delays = [cause.effect.title for cause in causes if cause.effect.id in DELAYS]
+    delays = [cause.effect.title for cause in causes if is_delay(cause.effect)]
     return delays if all(trial.rate is None for trial in trials) else []
 
 

@@ -14,6 +14,7 @@ from rovid.diagnose.cross_validation import CvPiece, cross_validate, held_out_lo
 from rovid.diagnose.evidence import posterior_probability, probability_not_a_stand_in
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
+from rovid.effects.wave_torque import SEA_DAMPING
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
@@ -59,7 +60,27 @@ class WaveTest:
             return probability
         gain = min(self.bic_gain, self.held_out_gain)
         cap = probability_not_a_stand_in(self.held_out_gain, self.bic_gain, white=True)
-        return posterior_probability({name: gain}, (name,), 1, cap=cap)
+        return min(posterior_probability({name: gain}, (name,), 1, cap=cap), self._probability_of_a_sea)
+
+    @cached_property
+    def _probability_of_a_sea(self) -> float:
+        """Two-sided p value of a band no wider than that of a sea; 1 for a narrower one.
+
+        Any hump in the spectrum of a torque fits a second-order filter: flow separation, for instance, or a cause that
+        switches on and off. Only a band as narrow as that of waves is evidence for waves.
+        """
+        fitted = self.fitted
+        if fitted is None:
+            return 0.0
+        at = fitted.model.names.index(f"{fitted.effects[-1].key}.damping")
+        error = math.sqrt(float(fitted.covariance(sandwich=not fitted.is_white)[at, at]))
+        excess = float(fitted.model.values[at]) - SEA_DAMPING
+        return math.erfc(excess / error / math.sqrt(2.0)) if excess > 0.0 else 1.0
+
+    @property
+    def is_broad(self) -> bool:
+        """Whether a hump in the spectrum of the disturbance is certain, and its band too wide for waves."""
+        return self.bic_gain > THRESHOLDS.bic_margin and self._probability_of_a_sea < THRESHOLDS.likely
 
     @property
     def likelier(self) -> FitResult:

@@ -192,6 +192,23 @@ def delayed(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
 
 
 @compiled
+def waited(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
+    """Mean until the next instant of (n,) held ``values`` that are zero for ``delay`` s after each change of sign."""
+    n = len(values)
+    out = np.empty(n)
+    before, until = 0.0, time[0]
+    for k in range(n):
+        if values[k] * before < 0.0:
+            until = time[k] + delay
+        if values[k] != 0.0:
+            before = values[k]
+        interval = time[k + 1] - time[k] if k + 1 < n else 0.0
+        left = max(until - time[k], 0.0)
+        out[k] = values[k] * (1.0 - min(left / interval, 1.0)) if interval > 0.0 else values[k] * (left <= 0.0)
+    return out
+
+
+@compiled
 def mean_delayed(time: FloatArray, values: FloatArray, shortest: float, longest: float) -> FloatArray:
     """Mean of ``delayed`` over delays from the ``shortest`` to the ``longest``."""
     out = np.zeros(len(values))
@@ -224,6 +241,7 @@ def pending_changes(time: FloatArray, values: FloatArray, shortest: float, longe
 LOOPS: tuple[tuple[Callable[..., FloatArray], int], ...] = (
     (lagged, 1),
     (delayed, 1),
+    (waited, 1),
     (pending_changes, 2),
     (mean_delayed, 2),
     (rotor_lagged, 1),

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.actuator_dynamics import delayed, mean_delayed, pending_changes
-from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnTorque, Values
+from rovid.effects.actuator_dynamics import delayed, mean_delayed, pending_changes, waited
+from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnThrust, OnTorque, Values
 
 
 def _delayed(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
@@ -13,6 +13,10 @@ def _delayed(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> Floa
 
 def _mean_of_delays(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
     return inputs.apply_per_trial(mean_delayed, torque, *_delay_range(values))
+
+
+def _waits(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    return inputs.apply_per_trial(waited, thrust, values["delay"])
 
 
 def _impulse_variance(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
@@ -67,5 +71,14 @@ FORMS: tuple[Effect, ...] = (
         acts=OnTorque(
             _mean_of_delays, settling_time=lambda values, _: _delay_range(values)[1], impulse_variance=_impulse_variance
         ),
+    ),
+    replace(
+        EFFECT,
+        form="reversal",
+        title="delay at reversal",
+        # A gear or a speed controller that stops before it reverses.
+        parameters=(replace(EFFECT.parameters[0], initial_values=(0.05, 0.2, 0.8)),),
+        equation="each thrust is zero for L after a change of its sign",
+        acts=OnThrust(_waits, settling_time=lambda values, _: values["delay"]),
     ),
 )

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, maximum, where_nonnegative
 
 
 @compiled
@@ -23,6 +23,12 @@ def _stiffening(at: Instant, p: Numbers) -> float:
 @compiled
 def _wound(at: Instant, p: Numbers) -> float:
     return -p[0] * (at.angle + p[1])
+
+
+@compiled
+def _slack(at: Instant, p: Numbers) -> float:
+    pull = p[0] * maximum(abs(at.angle) - p[1], 0.0)
+    return where_nonnegative(at.angle, -pull, pull)
 
 
 @compiled
@@ -64,6 +70,18 @@ FORMS: tuple[Effect, ...] = (
         ),
         equation="− k·x·(1 + (x/x0)²), x turned since the start of the trial",
         acts=Term(_stiffening),
+    ),
+    replace(
+        EFFECT,
+        form="slack",
+        parameters=(
+            replace(_STIFFNESS, high=10.0, initial_values=(0.04, 0.04, 0.1, 0.1)),
+            EffectParameter(
+                name="slack", unit="rad", neutral=0.0, low=0.0, high=40.0, initial_values=(0.5, 1.2, 2.8, 7.0)
+            ),
+        ),
+        equation="− k·(|x| − s)·sign(x) where |x| > s, x turned since the start of the trial",
+        acts=Term(_slack),
     ),
     replace(
         EFFECT,

@@ -5,6 +5,8 @@ from rovid.effects.base import Effect, EffectParameter, WaveTorque
 # Over the time constant of the vehicle; a fit leaves out those below one cycle of the longest run and above the Nyquist
 # frequency. A narrow band has an effect only near its frequency, so many initial values are needed.
 _FREQUENCIES = tuple(0.05 * 1.4**k for k in range(24))
+# Damping of the widest spectrum of a sea, that of Pierson and Moskowitz (Fossen 2011, section 8.2).
+SEA_DAMPING = 0.26
 
 EFFECT: Effect = Effect(
     id="wave_torque",

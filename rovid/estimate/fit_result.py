@@ -89,7 +89,7 @@ class FitResult:
 
     def canonical(self) -> Self:
         """The same model with positive amplitudes and phases within one turn."""
-        return replace(self, x=self.objective.parametrization.canonical(self.x))
+        return replace(self, x=self.objective.parametrization.canonical(self.x)) if self.effects else self
 
     @cached_property
     def is_physical(self) -> bool:

@@ -1,8 +1,9 @@
 """Errors by torques that a model lacks; docs/method.md, (15a)."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from functools import lru_cache
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from rovid.core.formatting import significant
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
 from rovid.effects.base import OnTorque, Values
-from rovid.effects.catalogue import CATALOGUE
+from rovid.effects.catalogue import every_form
 from rovid.estimate.dataset import FitData
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fisher_information import NormalEquations
@@ -48,6 +49,8 @@ _VARIANCES = 10.0 ** np.arange(-4.0, 10.0, 0.25)
 _LEAST_GAIN = 4.8
 # Least share of information that is left to a torque beside the parameters of the model; rounding errors are smaller.
 _LEAST_SHARE = 1e-6
+# Least step between two readings in rad or m; floating-point errors are smaller. Share of the variance of the noise.
+_NO_STEP, _ROUNDED_SHARE = 1e-9, 0.25
 # Number of inertia and drags, and growth of their standard errors that is reported.
 _BASE = 3
 _REPORTED = 1.2
@@ -59,6 +62,13 @@ class _Scores(NamedTuple):
     score: FloatArray  #: (q,)
     information: FloatArray  #: (q, q)
     shift: FloatArray  #: (p, q) change of the parameters by one unit of a torque.
+    kinds: tuple[str, ...]  #: Id of the effect of each torque.
+
+    def only(self, kinds: Collection[str]) -> Self:
+        """The scores of the torques of some kinds."""
+        at = [k for k, name in enumerate(self.kinds) if name in kinds]
+        information = self.information[np.ix_(at, at)]
+        return type(self)(self.score[at], information, self.shift[:, at], tuple(self.kinds[k] for k in at))
 
 
 def include_missing_torque(estimate: Estimate, fitted: FitResult) -> Estimate:
@@ -90,34 +100,88 @@ def missing_torque_covariance(fitted: FitResult) -> FloatArray:
 
     The torques of all kinds are random, with one common variance in units of the change that they make of all
     predictions. It is that with the largest marginal likelihood of the scores. The covariance is the mean square of
-    what the torques, given their scores, change.
+    what the torques, given their scores, change. If the scores do not show torques of all kinds, they may show those of
+    one kind alone: the covariance is then that of the likeliest one.
     """
-    found, none = _scores(fitted), np.zeros((len(fitted.x), len(fitted.x)))
-    power, axes = np.linalg.eigh(found.information)
-    kept = power > _LEAST_SHARE * power.max(initial=0.0)
-    power, axes = power[kept], axes[:, kept]
-    score = axes.T @ found.score
+    first, *alone = _hypotheses(fitted)
+    likeliest = first if first.gain > 0.0 else max(alone, key=lambda one: one.gain, default=first)
+    return likeliest.covariance if likeliest.gain > 0.0 else np.zeros((len(fitted.x), len(fitted.x)))
+
+
+def lacks_torque(fitted: FitResult) -> bool:
+    """Whether the innovations are not white, or depend on the motion or on the commands (p = 0.001).
+
+    Rounded readings have errors that are not white: they count where they depend on the motion alone.
+    """
+    return not (fitted.is_white or _is_rounded(fitted)) or any(
+        one.gain > 0.0 for one in _hypotheses(fitted, white=True)
+    )
+
+
+class _LackingTorques(NamedTuple):
+    """Random torques of some kinds: gain of marginal log-likelihood beyond the least, and (p, p) covariance by them."""
+
+    gain: float
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, found: _Scores, least: float) -> Self:
+        """The torques with these scores, with their likeliest common variance."""
+        power, axes = np.linalg.eigh(found.information)
+        kept = power > _LEAST_SHARE * power.max(initial=0.0)
+        power, axes = power[kept], axes[:, kept]
+        score = axes.T @ found.score
+        variances = _VARIANCES[:, np.newaxis] * power**2 + power
+        likelihoods = -0.5 * np.sum(np.log(variances) + score**2 / variances, axis=1)
+        complete = -0.5 * float(np.sum(np.log(power) + score**2 / power))
+        best = int(np.argmax(likelihoods))
+        spread = 1.0 / (power + 1.0 / _VARIANCES[best])
+        shift = found.shift @ axes
+        mean = shift @ (spread * score)
+        return cls(float(likelihoods[best]) - complete - least, np.outer(mean, mean) + (shift * spread) @ shift.T)
+
+
+def _hypotheses(fitted: FitResult, *, white: bool | None = None) -> Iterator[_LackingTorques]:
+    """Torques of all kinds.
+
+    Next to ``white`` innovations also those of each kind alone, and the other laws of the model's effects alone. The
+    least gain is then corrected for the number of hypotheses.
+    """
+    found, white = _scores(fitted), fitted.is_white if white is None else white
+    yield _LackingTorques.of(found, _LEAST_GAIN if white else 0.0)
+    if white:
+        laws = {effect.id for effect in fitted.effects}.intersection(found.kinds)
+        groups = dict.fromkeys(frozenset(group) for group in (*([kind] for kind in found.kinds), laws) if group)
+        for group in groups:
+            yield _LackingTorques.of(found.only(group), _LEAST_GAIN + float(np.log(len(groups))))
+
+
+def _is_rounded(fitted: FitResult) -> bool:
+    """Whether rounding of the readings is a notable part of their noise."""
+    trials = [run.trial for run in fitted.data.runs]
+    steps = np.abs(np.concatenate([np.diff(trial.position[trial.measured]) for trial in trials]))
+    rounding = float(steps[steps > _NO_STEP].min(initial=np.inf)) ** 2 / 12.0
+    return _ROUNDED_SHARE * fitted.objective.position_noise(fitted.x) ** 2 < rounding < np.inf
+
+
+def _gain_and_variance(power: FloatArray, score: FloatArray) -> tuple[float, float]:
+    """Gain of marginal log-likelihood in nats by random torques, and their likeliest common variance."""
     variances = _VARIANCES[:, np.newaxis] * power**2 + power
     likelihoods = -0.5 * np.sum(np.log(variances) + score**2 / variances, axis=1)
     complete = -0.5 * float(np.sum(np.log(power) + score**2 / power))
     best = int(np.argmax(likelihoods))
-    if likelihoods[best] <= complete + (_LEAST_GAIN if fitted.is_white else 0.0):
-        return none
-    spread = 1.0 / (power + 1.0 / _VARIANCES[best])
-    shift = found.shift @ axes
-    mean = shift @ (spread * score)
-    return np.asarray(np.outer(mean, mean) + (shift * spread) @ shift.T)
+    return float(likelihoods[best]) - complete, float(_VARIANCES[best])
 
 
 def _kinds(fitted: FitResult) -> list[Effect]:
-    data, own = fitted.data, {effect.id for effect in fitted.effects}
+    """The kinds that the model lacks, and the other laws of its own effects: nature follows none of them exactly."""
+    data, own = fitted.data, {effect.id: effect.key for effect in fitted.effects}
     drives = data.vehicle is not None and bool(data.vehicle.thrusters)
     channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
     kinds = [
         effect
-        for effect in CATALOGUE
-        if effect.id in _KINDS
-        and effect.id not in own
+        for effect in every_form()
+        if (_is_other_law(effect) and own[effect.id] != effect.key if effect.id in own else effect.key in _KINDS)
         and (not effect.axes or data.axis.name in effect.axes)
         and (drives or not (effect.changes_torque_input or effect.uses_wash))
         and set(effect.needs) <= channels
@@ -125,6 +189,12 @@ def _kinds(fitted: FitResult) -> list[Effect]:
     # By the coupled mass of sway and yaw.
     acceleration = _acceleration(data) if drives and _SWAY in channels and data.axis.name == "yaw" else None
     return kinds if acceleration is None else [*kinds, acceleration]
+
+
+def _is_other_law(form: Effect) -> bool:
+    """Whether a ``form`` of an effect of the model counts next to that effect: a smooth torque, no oscillation."""
+    is_smooth = not any(parameter.piecewise_constant for parameter in form.parameters)
+    return is_smooth and not (form.oscillatory or form.per_thruster)
 
 
 def _acceleration(data: FitData) -> Effect | None:
@@ -165,28 +235,42 @@ def _smooth_derivative(time: FloatArray, values: FloatArray, width: float) -> Fl
     return np.asarray((integral(time + width) - 2.0 * integral(time) + integral(time - width)) / width**2)
 
 
+@lru_cache(maxsize=2)
 def _scores(fitted: FitResult) -> _Scores:
-    """Scores of the torques of all kinds."""
+    """Scores of the torques of all kinds, and of the effects' parameters beyond a bound at which the fit ended."""
     objective, count = fitted.objective, len(fitted.x)
-    objectives = [objective.with_effects((*fitted.effects, kind), objective.mask) for kind in _kinds(fitted)]
+    kinds = _kinds(fitted)
+    objectives = [objective.with_effects((*fitted.effects, kind), objective.mask) for kind in kinds]
     starts = [objective.parametrization.initial_values()[:_STARTS] for objective in objectives]
     chunks = zip(objective.chunks, *(one.chunks for one in objectives), strict=True)
     gradient, information = NormalEquations.sum_of(
         _equations(fitted.x, own, list(zip(others, starts, strict=True))) for own, *others in chunks
     )
-    model = slice(None, count)
+    names = [""] * count + [kind.id for kind, own in zip(kinds, starts, strict=True) for _ in own]
+    low, high = objective.parametrization.bounds
+    is_free, outward = np.ones(count, dtype=bool), -gradient[:count]
+    for effect, place in objective.parametrization.effect_slices():
+        names[place] = [effect.id] * len(effect.parameters)
+        is_free[place] = ((fitted.x > low) | (outward >= 0.0))[place] & ((fitted.x < high) | (outward <= 0.0))[place]
+    model, other = np.flatnonzero(is_free), np.r_[np.flatnonzero(~is_free), count : len(gradient)]
     with np.errstate(over="ignore", invalid="ignore"):
-        cross, power = information[model, count:], np.diag(information)[count:]
-        inverse = np.linalg.pinv(information[model, model], rcond=1e-12)
+        cross, power = information[np.ix_(model, other)], np.diag(information)[other]
+        inverse = np.linalg.pinv(information[np.ix_(model, model)], rcond=1e-12)
         # A model may diverge with a torque of that size.
-        finite = np.isfinite(cross).all(axis=0) & np.isfinite(power) & np.isfinite(gradient[count:])
+        finite = np.isfinite(cross).all(axis=0) & np.isfinite(power) & np.isfinite(gradient[other])
         moved = inverse @ np.where(finite, cross, 0.0)
         left = np.where(finite, power, 0.0) - np.sum(np.where(finite, cross, 0.0) * moved, axis=0)
-    at = np.flatnonzero(finite & (left > _LEAST_SHARE * power))
-    unit = 1.0 / np.sqrt(power[at])
-    score = (moved[:, at].T @ gradient[model] - gradient[count:][at]) * unit
-    beside = information[np.ix_(count + at, count + at)] - cross[:, at].T @ moved[:, at]
-    return _Scores(score, beside * np.outer(unit, unit), -moved[:, at] * unit)
+    kept = np.flatnonzero(finite & (left > _LEAST_SHARE * power))
+    at, moved, cross = other[kept], moved[:, kept], cross[:, kept]
+    unit = 1.0 / np.sqrt(power[kept])
+    score = (moved.T @ gradient[model] - gradient[at]) * unit
+    beside = information[np.ix_(at, at)] - cross.T @ moved
+    chosen, shift = tuple(names[k] for k in at), np.zeros((count, len(at)))
+    shift[model] = -moved * unit
+    for effect, place in objective.parametrization.effect_slices():
+        # Another law of an effect takes over a part of its size.
+        shift[place, [k for k, name in enumerate(chosen) if name == effect.id]] = 0.0
+    return _Scores(score, beside * np.outer(unit, unit), shift, chosen)
 
 
 def _equations(

@@ -48,10 +48,14 @@ def test_a_held_value_is_moved_by_its_delay() -> None:
     np.testing.assert_allclose(late[8:11], [0.0, 1.0, 2.0])
 
 
-@pytest.mark.parametrize(("delay", "separate", "kept"), [(0.3, True, True), (0.8, True, False), (0.8, False, True)])
-def test_a_long_delay_between_topics_may_be_an_offset(delay: float, separate: bool, kept: bool) -> None:
+@pytest.mark.parametrize(
+    ("form", "delay", "separate", "kept"),
+    [(0, 0.3, True, True), (0, 0.8, True, False), (0, 0.8, False, True), (2, 0.8, True, True)],
+)
+def test_a_long_delay_between_topics_may_be_an_offset(form: int, delay: float, separate: bool, kept: bool) -> None:
+    """A delay at reversals only is no offset."""
     runs = [replace(run, trial=replace(run.trial, separate_clocks=separate)) for run in day("small", 0)]
-    found = Diagnosis(verdict="found", findings=(finding(command_delay.FORMS[0], [delay]),))
+    found = Diagnosis(verdict="found", findings=(finding(command_delay.FORMS[form], [delay]),))
     result = _without_offset(found, runs)
     assert bool(result.findings) == kept
     assert [fault.fault for fault in result.faults] == ([] if kept else ["clocks_apart"])
@@ -78,7 +82,7 @@ def test_a_delay_between_kept_clocks_is_a_cause(clocks_agree: bool, monkeypatch:
 @pytest.mark.parametrize(("delay", "kept"), [(0.2, False), (0.41, False), (0.6, True)])
 def test_stamps_that_are_late_by_chance_are_no_delay(delay: float, kept: bool) -> None:
     """A logger that reads the commands for its rows alone stamps them late, by up to an interval."""
-    found = Diagnosis(verdict="found", findings=(finding(command_delay.FORMS[-1], [delay, 1.0]),))
+    found = Diagnosis(verdict="found", findings=(finding(command_delay.FORMS[1], [delay, 1.0]),))
     result = _without_offset(found, day("small", 0), finding(CLOCKS_APART, [0.4]), "The commands were moved by it.")
     assert bool(result.findings) == kept
     assert result.verdict == ("found" if kept else "nothing_found")

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from rovid.diagnose.wave_test import run_wave_test, supported_gain
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.diagnose.wave_test import WaveTest, run_wave_test, supported_gain
 from rovid.effects.catalogue import CATALOGUE
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from tests.synthetic import LOGGED, ROSUB, clock, gauss_markov, run
+
+WAVES = next(effect for effect in CATALOGUE if effect.is_wave)
 
 
 @pytest.mark.parametrize("filtered", [True, False])
@@ -35,9 +40,25 @@ def test_the_noise_of_a_filtered_heading_is_no_wave(*, filtered: bool) -> None:
     data = InnovationData([log], LOGGED, ROSUB)
     objective = InnovationLikelihood(data, 0.05)
     beside = FitResult.at(objective, objective.parametrization.initial())
-    wave_torque = next(effect for effect in CATALOGUE if effect.is_wave)
-    found = run_wave_test(data, beside, wave_torque, ())
+    found = run_wave_test(data, beside, WAVES, ())
     assert (found.fitted is None) == filtered
+
+
+@pytest.mark.parametrize(
+    ("damping", "error", "is_broad"), [(0.05, 0.02, False), (0.25, 0.02, False), (0.3, 0.1, False), (0.36, 0.04, True)]
+)
+def test_a_band_wider_than_that_of_a_sea_is_no_wave(
+    damping: float, error: float, is_broad: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = SimpleNamespace(names=("wave_torque.damping",), values=np.array([damping]))
+    fitted: Any = SimpleNamespace(
+        model=model, effects=(WAVES,), is_white=True, covariance=lambda **_: np.array([[error**2]])
+    )
+    monkeypatch.setattr(WaveTest, "held_out_gain", 60.0)
+    tested = WaveTest(fitted, (), fitted=fitted, bic_gain=30.0)
+    assert tested.is_broad == is_broad
+    assert not replace(tested, bic_gain=3.0).is_broad
+    assert (tested.probability < THRESHOLDS.likely) == is_broad
 
 
 def test_a_gain_that_never_scatters_is_supported_far_beyond_one_that_does() -> None:

@@ -152,10 +152,10 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class TestEffect:
     def test_slows_the_vehicle_in_a_simulation(self, copy: Path, identified: Path, tmp_path: Path) -> None:
         # One minute only, because nothing is compiled.
-        for name, rows in (("coast_02", 1200), ("thrust_curve", None)):
+        for name, rows in (("hold_01", 1200), ("thrust_curve", None)):
             pd.read_csv(DAY / f"{name}.csv", nrows=rows).to_csv(tmp_path / f"{name}.csv", index=False)
         shutil.copy(DAY / "rovid.toml", tmp_path)
-        log = str(tmp_path / "coast_02.csv")
+        log = str(tmp_path / "hold_01.csv")
         found = json.loads(run(copy, "-m", "rovid", "simulate", log, "--json", cwd=identified))
         assert found["effects"] == ["mooring_line"]
         assert found["overall"]["yaw_rate_r2"] < 0.0

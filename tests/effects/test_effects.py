@@ -12,7 +12,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.effects import CATALOGUE, FORMS, TERM_EFFECTS, Effect, bias_torque, effect_named, forms_for, supply_sag
-from rovid.effects.actuator_dynamics import latched, rotor_lagged, soft_started
+from rovid.effects.actuator_dynamics import latched, rotor_lagged, soft_started, waited
 from rovid.effects.actuator_inputs import actuator_inputs
 from rovid.effects.base import (
     REFERENCE_RATE,
@@ -373,6 +373,19 @@ def test_a_soft_start_limits_growth_only() -> None:
     values = np.array([0.0, 2.0, 2.0, 2.0, 2.0, 0.5, 0.5, -1.0, -1.0, -1.0, 0.0, 0.0])
     expected = [0.0, 0.25, 0.75, 1.25, 1.75, 0.5, 0.5, -0.25, -0.75, -1.0, 0.0, 0.0]
     np.testing.assert_allclose(soft_started(time, values, 1.0), expected)
+
+
+def test_thrust_waits_after_a_reversal_and_no_other_change() -> None:
+    thrust = np.array([0.0, 1.0, 2.0, -2.0, -1.0, 0.0, -2.0, 0.0, 3.0, 3.0, 3.0])
+    expected = [0.0, 1.0, 2.0, 0.0, -0.75, 0.0, -2.0, 0.0, 0.0, 2.25, 3.0]
+    np.testing.assert_allclose(waited(np.arange(11.0), thrust, 1.25), expected)
+
+
+def test_a_slack_tether_pulls_beyond_its_slack() -> None:
+    effect = effect_named("tether_torsion:slack")
+    assert isinstance(effect.acts, Term)
+    at = [Instant(0.0, 0.0, angle, 0.0, 0.0, 0.0, 0.0, 0.0, BODY) for angle in (-2.0, 1.0, 4.5)]
+    assert [effect.acts.evaluate(one, (2.0, 1.5), ())[0] for one in at] == [1.0, 0.0, -6.0]
 
 
 def test_a_latch_closes_above_its_width_and_opens_at_zero() -> None:

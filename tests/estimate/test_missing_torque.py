@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
+from rovid.effects import Effect, effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
@@ -24,8 +25,8 @@ SUBSTEPS = 10
 Slope = Callable[[int, FloatArray], FloatArray]
 
 
-def fitted(runs: list[Run]) -> FitResult:
-    objective = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05)
+def fitted(runs: list[Run], *effects: Effect) -> FitResult:
+    objective = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05, effects)
     return fit(objective, objective.parametrization.initial())
 
 
@@ -107,6 +108,26 @@ def test_a_complete_model_keeps_its_errors() -> None:
     assert not missing_torque_covariance(one).any()
     estimate = estimate_of(one)
     assert (include_missing_torque(estimate, one).covariance == estimate.covariance).all()
+
+
+def test_errors_cover_the_drag_next_to_a_friction_of_another_law() -> None:
+    """A friction that falls by half within a short rate: the named law bends, and the drag takes the difference."""
+
+    def slope(at: int, state: FloatArray) -> FloatArray:
+        rate = state[1]
+        friction = 12.0 * np.tanh(rate / 5e-4) * (1.0 + np.exp(-((rate / 0.02) ** 2)))
+        return np.array([rate, (TORQUE[at] - drag(rate) - friction) / synthetic.ROSUB.inertia, 0.0])
+
+    one = fitted([driven(3000, slope)], effect_named("coulomb_resistance"))
+    estimate = estimate_of(one)
+    wider = include_missing_torque(estimate, one)
+    away = abs(estimate.value("linear_drag") - synthetic.ROSUB.linear_drag)
+    assert one.is_white
+    assert away > 3.0 * estimate.standard_error("linear_drag")
+    assert away < 2.5 * wider.standard_error("linear_drag")
+    # The friction itself is certain.
+    size = "coulomb_resistance.torque"
+    assert wider.value(size) > 4.0 * wider.standard_error(size)
 
 
 def test_errors_cover_the_inertia_of_a_vehicle_that_sways(incomplete: FitResult) -> None:
