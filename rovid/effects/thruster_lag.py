@@ -13,6 +13,12 @@ def _lagged_torque(inputs: ActuatorInputs, torque: FloatArray, values: Values) -
     return inputs.apply_per_trial(lagged, torque, values["time_constant"])
 
 
+def _lagged_in_series(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
+    return inputs.apply_per_trial(
+        lagged, _lagged_torque(inputs, torque, values), values["ratio"] * values["time_constant"]
+    )
+
+
 def _lagged_command(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
     return inputs.apply_per_trial(lagged, command, values["time_constant"])
 
@@ -76,6 +82,19 @@ FORMS: tuple[Effect, ...] = (
         form="double",
         equation="τ²·d²u'/dt² + 2τ·du'/dt + u' = u, ahead of the thrust curve",
         acts=OnCommand(_twice_lagged, settling_time=lambda values, change: 2.0 * _settled(values, change)),
+    ),
+    replace(
+        EFFECT,
+        form="series",
+        parameters=(
+            replace(EFFECT.parameters[0], initial_values=(0.1, 0.4, 1.0)),
+            # The two lags can change places: a ratio of 2 is that of 1/2.
+            EffectParameter(name="ratio", unit="1", neutral=0.0, low=0.0, high=2.0, initial_values=(0.4,)),
+        ),
+        equation="two lags of the thrust in series, τ and a·τ",
+        acts=OnTorque(
+            _lagged_in_series, settling_time=lambda values, change: (1.0 + values["ratio"]) * _settled(values, change)
+        ),
     ),
     # Yoerger, Cooke and Slotine 1990: n' = β·u − α·n|n|, F = C·n|n|.
     replace(
