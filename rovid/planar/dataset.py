@@ -23,6 +23,8 @@ from rovid.trial.vehicle import Vehicle
 
 # s; readings as close as this to an instant of the log belong to it.
 _SAME_INSTANT = 1e-4
+# Share of the thrust by which rounding leaves a force.
+_ROUNDING = 1e-6
 # Number of latest forces that a run remembers.
 _REMEMBERED = 8
 # Width of the smoothing of measured speeds that are compared with a model, in intervals of the slowest sensor.
@@ -118,6 +120,26 @@ class PlanarData:
     def subset(self, numbers: Sequence[int]) -> Self:
         """The data of some runs, in this order."""
         return replace(self, runs=tuple(self.runs[number] for number in numbers))
+
+
+def is_yaw_alone(data: PlanarData) -> bool:
+    """Whether only yaw can be estimated: surge and sway are not measured, or nothing drives them."""
+    if not any(measured_axes(data.sensors)[:2]):
+        return True
+    return not data.actuators.rudders and not is_pushed(data)
+
+
+def is_pushed(data: PlanarData) -> bool:
+    """Whether a thruster pushes along surge or sway."""
+    # Thrusters in opposite pairs leave rounding errors.
+    force = max(float(np.abs(run.forces().force[:, :2]).max(initial=0.0)) for run in data.runs)
+    return force > _ROUNDING * sum(thruster.full_thrust for thruster in data.actuators.thrusters.thrusters)
+
+
+def has_hidden_sway(data: PlanarData) -> bool:
+    """Whether the logs measure the surge but not the sway."""
+    surge, sway, _ = measured_axes(data.sensors)
+    return surge and not sway
 
 
 def planar_data(campaign: Campaign, vehicle: Vehicle) -> PlanarData:

@@ -9,7 +9,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.effects import PLANAR_FORMS, Effect, effect_named, forms_for
 from rovid.effects.base import Coupling, OnCommand, OnThrust, OnTorque, WaterCurrent
-from rovid.planar.dataset import PlanarData
+from rovid.planar.dataset import PlanarData, has_hidden_sway
 from rovid.planar.free_runs import FreeRuns
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
@@ -54,9 +54,13 @@ def with_hull_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
 
 def _fitted(likelihood: PlanarLikelihood, runs: FreeRuns | None, x: FloatArray) -> PlanarOptimum:
     """The likeliest model near the one that simulates the ``runs`` best: simulations are cheaper than the filter."""
-    if runs is not None:
-        x = PlanarOptimum.fit(replace(likelihood, free_runs=runs), x, _SIMULATED).x
-    return PlanarOptimum.fit(likelihood, x, _FILTERED)
+    if runs is None:
+        return PlanarOptimum.fit(likelihood, x, _FILTERED)
+    simulating = PlanarOptimum.fit(replace(likelihood, free_runs=runs), x, _SIMULATED).x
+    if not has_hidden_sway(runs.data):
+        return PlanarOptimum.fit(likelihood, simulating, _FILTERED)
+    # Simulations say little about a sway that is not measured: the likelihood decides between both starts.
+    return min((PlanarOptimum.fit(likelihood, one) for one in (x, simulating)), key=lambda one: one.value)
 
 
 def _as_ship(lifted: PlanarOptimum, runs: FreeRuns | None) -> PlanarOptimum:

@@ -16,7 +16,7 @@ from rovid.effects.base import WaterCurrent
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
 from rovid.planar.coordinates import PlanarCoordinates, Undetermined, undetermined_directions
-from rovid.planar.dataset import PlanarData, measured_axes
+from rovid.planar.dataset import PlanarData, has_hidden_sway, is_pushed, is_yaw_alone, measured_axes
 from rovid.planar.effect_fits import SHIP, SHIP_WARNING, add_effect, with_hull_lift, with_shape_error
 from rovid.planar.free_runs import FreeRuns, better_simulating, free_run_r2, mean_free_run_r2
 from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME
@@ -24,7 +24,7 @@ from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import AXIS_NAMES, BASE_COUNT, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.prior import PriorUse
-from rovid.planar.start_values import planar_grid, planar_sizes, start_values
+from rovid.planar.start_values import planar_grid, planar_sizes, start_values, with_own_sizes
 
 _METHOD = "maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together"
 _METHOD_FREE_RUNS = "least squares of free-running simulations over some time constants, surge, sway and yaw together"
@@ -32,6 +32,8 @@ _METHOD_FREE_RUNS = "least squares of free-running simulations over some time co
 _SEARCH_SHARE = 0.12
 # Steps of a start by free-running simulations, and of each start by the likelihood.
 _START_ITERATIONS, _FIRST_ITERATIONS = 15, 4
+# Starts by free-running simulations where the logs do not measure the sway, and steps of each by the likelihood.
+_HIDDEN_STARTS, _HIDDEN_ITERATIONS = 3, 12
 # Loss of mean free-running R^2 below the best start that a start may have to give the sizes.
 _WORSE_START = 0.2
 # Steps with all readings, after the search.
@@ -45,8 +47,6 @@ _MOST_LATENCY = 0.6
 _MOST_SECONDS = np.array([5.0 if name in {"north", "east"} else 1.0 for name in SENSORS])
 # Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
 _LOOSER = 2.5
-# Share of the thrust by which rounding leaves a force.
-_ROUNDING = 1e-6
 # Least rigid-body share of an inertia that is no warning: the thrust curve may be off.
 _LEAST_RIGID = 0.9
 
@@ -130,17 +130,23 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     # simulates best are always followed.
     regressed = min(usable, key=lambda at: starts[at].residual)
     likely = min(range(len(starts)), key=lambda at: pairs[at][0].value(pairs[at][1]))
-    followed = [pairs[at] for at in dict.fromkeys([likely, regressed])]
+    hidden = has_hidden_sway(data) and not yaw_only
+    followed = [pairs[at] for at in dict.fromkeys([likely] if hidden else [likely, regressed])]
     runs = None if yaw_only else FreeRuns.of(data, sizes)
     if runs is not None:
-        likelihood, x = pairs[max(usable, key=lambda at: scores[at])]
-        simulating = PlanarOptimum.fit(replace(likelihood, free_runs=runs), x, _START_ITERATIONS)
-        followed.append((likelihood, simulating.x))
+        for at in sorted(usable, key=lambda at: -scores[at])[: _HIDDEN_STARTS if hidden else 1]:
+            likelihood, x = pairs[at]
+            simulating = PlanarOptimum.fit(replace(likelihood, free_runs=runs), x, _START_ITERATIONS)
+            followed.append((likelihood, simulating.x))
     if data.prior is not None:
         followed.append(pairs[-1])
-    tried = [PlanarOptimum.fit(*one, _FIRST_ITERATIONS) for one in followed]
+    # Without readings of the sway, a few steps do not tell which valley is deepest.
+    tried = [PlanarOptimum.fit(*one, _HIDDEN_ITERATIONS if hidden else _FIRST_ITERATIONS) for one in followed]
     best = min(tried, key=lambda one: one.value)
     _require_finite(best)
+    if hidden:
+        # The sway of the model that was found gives the limits of the disturbance and the units of the parameters.
+        best = with_own_sizes(best, data)
     if with_current:
         return best
     # The start by the prior has the other parameters of a regression: it takes more steps, so it is always completed.
@@ -186,24 +192,10 @@ def with_latencies(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     return best
 
 
-def is_yaw_alone(data: PlanarData) -> bool:
-    """Whether only yaw can be estimated: surge and sway are not measured, or nothing drives them."""
-    if not any(measured_axes(data.sensors)[:2]):
-        return True
-    return not data.actuators.rudders and not _is_pushed(data)
-
-
-def _is_pushed(data: PlanarData) -> bool:
-    """Whether a thruster pushes along surge or sway."""
-    # Thrusters in opposite pairs leave rounding errors.
-    force = max(float(np.abs(run.forces().force[:, :2]).max(initial=0.0)) for run in data.runs)
-    return force > _ROUNDING * sum(thruster.full_thrust for thruster in data.actuators.thrusters.thrusters)
-
-
 def _require_measured(data: PlanarData) -> None:
     """Refuse headings alone where they cannot determine the yaw model, and rudders without propulsion."""
     if not is_yaw_alone(data):
-        if not _is_pushed(data):
+        if not is_pushed(data):
             raise DataError(
                 f"nothing pushes the vehicle but {data.actuators.rudder_names[0]}, which only turns it.",
                 mend="Enter its propulsion in [[thrusters]] of rovid.toml, or fit yaw alone without --axes planar.",

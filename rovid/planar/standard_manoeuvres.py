@@ -13,9 +13,9 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, smooth_motion
+from rovid.planar.dataset import PlanarData, PlanarRun, is_yaw_alone, measured_axes, smooth_motion
 from rovid.planar.effect_fits import SHIP
-from rovid.planar.fit import PlanarFit, is_yaw_alone
+from rovid.planar.fit import PlanarFit
 from rovid.planar.free_runs import PlanarMotion, measured_start, simulate_planar
 from rovid.planar.manoeuvres import (
     ManoeuvreMeasure,

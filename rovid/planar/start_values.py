@@ -6,20 +6,33 @@ Start values are those of a regression of inverse dynamics on smoothed speeds. d
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.optimize import lsq_linear
+from scipy.signal import lfilter
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.effects.base import Scales
 from rovid.estimate.dataset import effect_scales
-from rovid.planar.coordinates import PlanarSizes
-from rovid.planar.dataset import PlanarData, SmoothRun, measured_axes, sensor_noise, smooth_run
-from rovid.planar.likelihood import PlanarGrid
+from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS
+from rovid.planar.coordinates import PlanarCoordinates, PlanarSizes
+from rovid.planar.dataset import (
+    PlanarData,
+    SmoothRun,
+    has_hidden_sway,
+    measured_axes,
+    sensor_noise,
+    smooth_motion,
+    smooth_run,
+)
+from rovid.planar.equations import SURGE
+from rovid.planar.likelihood import PlanarGrid, PlanarLikelihood
 from rovid.planar.model import BASE_COUNT, INPUT_COUNT, RUDDER_INPUTS, PlanarModel, RudderModel
+from rovid.planar.optimum import PlanarOptimum
 
 # Widths of the smoothing kernel in intervals of the slowest sensor.
 _WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
@@ -27,12 +40,17 @@ _WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 _STALL = math.radians(35.0)
 # Currents of the search: speeds in shares of the RMS speed, and number of directions.
 _CURRENT_SHARES, _CURRENT_DIRECTIONS = (0.15, 0.4, 0.8, 1.5), 8
-# Most smoothed points of a regression.
-_MOST_POINTS = 3000
+# Most smoothed points of a regression, and of one that compares hulls.
+_MOST_POINTS, _FEW_POINTS = 3000, 600
 # Radius of gyration of a hull with a rudder in the rudder's lever: usual, and least of a regression that is believed.
 _GYRATION, _LEAST_GYRATION = 0.5, 0.15
+# Least yaw inertia of a regression that is believed, in that of a mass at a tenth of the squared radius of the turns.
+_LEAST_INERTIA = 1e-6
 # Largest coupling of sway and yaw in the inertia.
 _MAX_COUPLING = 0.8
+# Hulls that give a sway that is not measured: inertia over that of surge, and time constants over that of yaw.
+# With a rudder the unit of time is that of the way of its lever, and its lift counts in the mass over the lever.
+_SWAY_INERTIAS, _SWAY_TIMES, _LIFTS = (1.2, 2.0), (0.3, 1.0, 3.0, 10.0), (0.1, 0.3, 1.0)
 # Noise of a sensor at the start where its readings do not show it, in shares of the typical speed or time constant.
 _DEFAULT_NOISE = 0.02
 # Standard deviation of the speeds at the start of a run, in typical speeds.
@@ -83,7 +101,16 @@ def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
         runs = [smooth for run in data.runs if (smooth := smooth_run(run, width * max(intervals))) is not None]
         if sum(len(run.time) for run in runs) < 4 * BASE_COUNT:
             break
-        found.append(_start(data, SmoothRun.stacked(runs, _MOST_POINTS), with_current=with_current))
+        axes = np.array(measured_axes(data.sensors))
+        start = _start(data, SmoothRun.stacked(runs, _MOST_POINTS), axes, with_current=with_current)
+        if has_hidden_sway(data):
+            slips = np.array([rudder.slipstream for rudder in start.model.rudders])
+            rows = min(
+                _with_sway(runs, start),
+                key=lambda rows: _regression(rows, np.ones(3, dtype=bool), start.model.rudders, slips)[0],
+            )
+            start = _start(data, rows, np.ones(3, dtype=bool), with_current=False)
+        found.append(start)
     if not found:
         raise DataError(
             f"the runs are too short: {max(run.duration for run in data.runs):.1f} s at most.",
@@ -94,8 +121,32 @@ def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
     return found
 
 
-def _start(data: PlanarData, rows: SmoothRun, *, with_current: bool) -> StartValues:
-    axes = np.array(measured_axes(data.sensors))
+def _with_sway(runs: Sequence[SmoothRun], start: StartValues) -> Iterator[SmoothRun]:
+    """The ``runs``, thinned, with the sway of each of some hulls, where the logs measure surge and yaw alone.
+
+    The centripetal force of a turn and the actuators drive the sway: m_v (v' + v/T) = Y - m_u u r. With the true m_v
+    and T, the Munk moment of this sway explains the most of the yaw. The lift of a rudder is another unknown.
+    """
+    mass, rudders = float(start.model.base[0]), start.model.rudders
+    lever = max((abs(rudder.position[0]) for rudder in rudders), default=0.0)
+    unit = lever / float(start.speed[0]) if lever else float(start.time[2])
+    lifts = [share * mass / lever for share in _LIFTS] if lever else [0.0]
+    for ratio, share, lift in product(_SWAY_INERTIAS, _SWAY_TIMES, lifts):
+        constant, guess = share * unit, []
+        for run in runs:
+            side = run.inputs[:, 1] - mass * run.speeds[:, 0] * run.speeds[:, 2]
+            for at, rudder in enumerate(rudders):
+                side = side + lift * _unit_rudder_forces(rudder, rudder.slipstream, run, at)[:, 1]
+            push = side / (ratio * mass)
+            decay = math.exp(-float(run.time[1] - run.time[0]) / constant)
+            sway = lfilter([0.0, constant * (1.0 - decay)], [1.0, -decay], push)
+            speeds, accelerations = run.speeds.copy(), run.accelerations.copy()
+            speeds[:, 1], accelerations[:, 1] = sway, push - sway / constant
+            guess.append(replace(run, speeds=speeds, accelerations=accelerations))
+        yield SmoothRun.stacked(guess, _FEW_POINTS)
+
+
+def _start(data: PlanarData, rows: SmoothRun, axes: BoolArray, *, with_current: bool) -> StartValues:
     rudders = planar_rudders(data)
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
     if not speed[2] > 0.0 and not speed[:2].any():
@@ -124,6 +175,30 @@ def _start(data: PlanarData, rows: SmoothRun, *, with_current: bool) -> StartVal
         ),
     )
     return StartValues(model=model, current=current, force=force, speed=speed, time=time, residual=best)
+
+
+def with_own_sizes(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
+    """The same model without effects, with the sizes of the sway that its filter estimates: the logs have none."""
+    model, old, grid, runs = best.model, best.coordinates, best.likelihood.grid, []
+    _, states = best.likelihood.filtered(best.x, keep=True)
+    parts = (np.split(one, grid.offsets[1:-1]) for one in (grid.time, states[:, SURGE + 1]))
+    for run, time, sway in zip(data.runs, *parts, strict=True):
+        if (rows := smooth_motion(run)) is None:
+            continue
+        rows.speeds[:, 1] = np.interp(rows.time, time, sway)
+        rows.accelerations[:, 1] = np.gradient(rows.speeds[:, 1], rows.time)
+        for at, rudder in enumerate(model.rudders):
+            rows.inputs[:, :INPUT_COUNT] += rudder.lift * _unit_rudder_forces(rudder, rudder.slipstream, rows, at)
+        runs.append(rows)
+    rows = SmoothRun.stacked(runs, _MOST_POINTS)
+    _, force, time = _plausible(model.base, rows, np.ones(3, dtype=bool), 0.0)
+    speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
+    start = StartValues(model=model, current=(0.0, 0.0), force=force, speed=speed, time=time, residual=0.0)
+    sizes = planar_sizes(data, start)
+    coordinates = PlanarCoordinates.of(model, sizes, old.sensors, (), DISTURBANCE_LIMITS[0], yaw_only=False)
+    x = np.concatenate((coordinates.initial(model, ())[: old.noise_begin], best.x[old.noise_begin :]))
+    grid = planar_grid(data, sizes, yaw_only=False, interval=grid.interval, latency=grid.latency)
+    return PlanarOptimum.fit(PlanarLikelihood(grid, coordinates), x)
 
 
 def _slipstreams(rudders: tuple[RudderModel, ...], rows: SmoothRun) -> list[FloatArray]:
@@ -226,8 +301,10 @@ def _plausible(
     # A hull that is steered by a rudder at its end: a radius of gyration of half the rudder's lever.
     if base[2] < _LEAST_GYRATION**2 * base[0] * lever**2:
         base[2] = _GYRATION**2 * base[0] * lever**2
-    if not base[2] > 0.0:
-        base[2] = max(base[:2].max() * (speed[:2].max() / max(speed[2], 1e-9)) ** 2 * 0.1, 1e-9)
+    # Where nothing turns the hull, its sway alone gives a yaw inertia of nearly zero.
+    usual_inertia = max(base[:2].max() * (speed[:2].max() / max(speed[2], 1e-9)) ** 2 * 0.1, 1e-9)
+    if not base[2] > _LEAST_INERTIA * usual_inertia:
+        base[2] = usual_inertia
     most = _MAX_COUPLING * math.sqrt(base[1] * base[2])
     base[3] = min(max(base[3], -most), most) if axes[1] else 0.0
     u, v, r = rows.speeds.T

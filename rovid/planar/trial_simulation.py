@@ -8,8 +8,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.model.simulation import HORIZONS, FitMeasures, fit_measures
-from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, smooth_run
-from rovid.planar.fit import is_yaw_alone
+from rovid.planar.dataset import PlanarData, PlanarRun, is_yaw_alone, measured_axes, smooth_run
 from rovid.planar.free_runs import PlanarMotion, estimated_start, simulate_planar
 from rovid.planar.model import AXIS_NAMES, PlanarModel
 from rovid.planar.reference import forces

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.dataset import PlanarData
 from rovid.planar.fit import PlanarFit, fit_base, fit_planar, planar_result
-from rovid.planar.free_runs import FreeRuns, correlation_time, fit_free_runs, free_run_r2
+from rovid.planar.free_runs import FreeRuns, correlation_time, fit_free_runs, free_run_r2, simulate_planar
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
@@ -61,6 +62,37 @@ def test_a_current_is_found_from_positions() -> None:
     found = deviations(fitted, truth)
     assert {"surge.inertia", "sway.inertia", "current.speed", "current.direction"} <= found.keys()
     assert max(map(abs, found.values())) < SIGMAS
+
+
+# Sensors that measure no sway: compass and speed log.
+SPEED_LOG = {"heading": (0.005, 0.1), "surge_velocity": (0.01, 0.2)}
+
+
+def test_turns_tell_the_size_of_a_sway_that_is_not_measured() -> None:
+    truth = usv(4, noise=SPEED_LOG, disturbance=(0.4, 0.2, 0.4))
+    data = campaign(truth, runs=1, levels=20, hold=10.0, seed=4)
+    start = min(start_values(data, with_current=False), key=lambda one: one.residual)
+    sway = simulate_planar(PlanarModel(base=np.array(truth.base)), data.runs[0]).through_water[:, 1]
+    # The guessed hulls are a factor of 3 apart in their time constants, and of 1.7 in their inertia.
+    assert abs(math.log(start.speed[1] / np.sqrt(np.mean(sway**2)))) < 0.5 * math.log(3.0 * 1.7)
+    assert start.model.base[:3] == pytest.approx(truth.base[:3], rel=0.5)
+
+
+def test_a_hull_that_nothing_turns_starts_with_a_yaw_inertia() -> None:
+    truth = usv(4, noise=SPEED_LOG, levers=((90.0, 0.0, 0.0),))
+    for start in start_values(campaign(truth, runs=1, levels=10, hold=10.0, seed=4), with_current=False):
+        assert start.model.base[2] > 1.0
+
+
+@pytest.mark.parametrize("make", [usv, torpedo], ids=["two screws", "rudder"])
+@pytest.mark.slow
+def test_a_sway_that_is_not_measured_follows_from_the_turns(make: Callable[..., Truth]) -> None:
+    truth = make(4, noise=SPEED_LOG)
+    fitted = fit_planar(campaign(truth, runs=3, levels=20, hold=10.0, seed=4))
+    found = deviations(fitted, truth)
+    assert {"surge.inertia", "sway.inertia", "yaw.inertia"} <= found.keys()
+    assert max(map(abs, found.values())) < SIGMAS
+    assert fitted.white
 
 
 def heading_alone() -> PlanarData:

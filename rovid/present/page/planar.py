@@ -15,8 +15,9 @@ from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus
 from rovid.core.output_files import OutputSet
 from rovid.diagnose.result import UNIDENTIFIABLE, Finding
+from rovid.planar.dataset import is_yaw_alone
 from rovid.planar.diagnosis import PlanarDiagnosis
-from rovid.planar.fit import PlanarFit, is_yaw_alone
+from rovid.planar.fit import PlanarFit
 from rovid.planar.manoeuvres import Measures
 from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
