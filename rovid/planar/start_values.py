@@ -214,7 +214,7 @@ def _slipstreams(rudders: tuple[RudderModel, ...], rows: SmoothRun) -> list[Floa
 
 
 def _regression(
-    rows: SmoothRun, axes: FloatArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
+    rows: SmoothRun, axes: BoolArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
 ) -> tuple[float, FloatArray]:
     """Share of the variance left, and (10 + rudders,) base parameters and lifts, by bounded least squares.
 
@@ -285,7 +285,7 @@ def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: SmoothRun,
 
 
 def _plausible(
-    base: FloatArray, rows: SmoothRun, axes: FloatArray, lever: float
+    base: FloatArray, rows: SmoothRun, axes: BoolArray, lever: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Base parameters with positive inertia, (3,) RMS forces and (3,) time constants; ``lever`` of the rudders in m."""
     base = base.copy()
