@@ -164,15 +164,6 @@ def _is_rounded(fitted: FitResult) -> bool:
     return _ROUNDED_SHARE * fitted.objective.position_noise(fitted.x) ** 2 < rounding < np.inf
 
 
-def _gain_and_variance(power: FloatArray, score: FloatArray) -> tuple[float, float]:
-    """Gain of marginal log-likelihood in nats by random torques, and their likeliest common variance."""
-    variances = _VARIANCES[:, np.newaxis] * power**2 + power
-    likelihoods = -0.5 * np.sum(np.log(variances) + score**2 / variances, axis=1)
-    complete = -0.5 * float(np.sum(np.log(power) + score**2 / power))
-    best = int(np.argmax(likelihoods))
-    return float(likelihoods[best]) - complete, float(_VARIANCES[best])
-
-
 def _kinds(fitted: FitResult) -> list[Effect]:
     """The kinds that the model lacks, and the other laws of its own effects: nature follows none of them exactly."""
     data, own = fitted.data, {effect.id: effect.key for effect in fitted.effects}
