@@ -44,7 +44,7 @@ _SMALL_PART = 0.5
 _WRONG = " A unit is wrong: "
 _CAUSES = " Possible causes: "
 # Standard errors by which a fit must be below its limit.
-_CAUSESIFICANT = 4.0
+_SIGNIFICANT = 4.0
 # Share of the torque that turned arms leave over the share that the logged ones leave: commands that go together fit
 # both alike.
 _AS_WELL = 1.2
@@ -146,9 +146,9 @@ def _fault(
 ) -> Fault | None:
     """The fault of an inertia beyond the limits; ``causes`` gives those besides a factor, in words."""
     reference = vehicle.reference_inertia
-    if reference is not None and inertia - _CAUSESIFICANT * (error or 0.0) > _IMPOSSIBLE * reference:
+    if reference is not None and inertia - _SIGNIFICANT * (error or 0.0) > _IMPOSSIBLE * reference:
         return _too_large(inertia, vehicle, reference, causes())
-    if reference is None or not 0.0 < inertia + _CAUSESIFICANT * (error or 0.0) < limit * reference:
+    if reference is None or not 0.0 < inertia + _SIGNIFICANT * (error or 0.0) < limit * reference:
         return None
     ratio, others = inertia / reference, causes()
     fitting = [factor for factor in _UNITS if _LEAST_RATIO < ratio * factor < _LARGEST_RATIO]
