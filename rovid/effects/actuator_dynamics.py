@@ -14,6 +14,8 @@ from rovid.jit.decorators import compiled
 
 # Delays over which a range of delays is averaged.
 _DELAYS = 5
+# Least relative difference of two time constants in a row.
+_APART = 1e-4
 # Intervals that differ by no more than this share count as equal.
 _SAME = 1e-9
 
@@ -47,6 +49,31 @@ def lagged(time: FloatArray, values: FloatArray, time_constant: float) -> FloatA
         offset = state - values[k]
         out[k] = values[k] + offset * mean
         state = values[k] + offset * decay
+    return out
+
+
+@compiled
+def lagged_in_series(time: FloatArray, values: FloatArray, first: float, second: float) -> FloatArray:
+    """Mean until the next instant of (n,) held ``values`` behind two first-order lags, in equilibrium at the start."""
+    if first <= 0.0 or second <= 0.0:
+        return lagged(time, values, max(first, second))
+    # The sum of two exponentials: time constants that are equal differ in rounding.
+    if abs(second - first) < _APART * first:
+        second = first * (1.0 + _APART)
+    n = len(time)
+    out = np.empty(n)
+    middle = state = values[0]
+    for k in range(n):
+        interval = time[k + 1] - time[k] if k + 1 < n else 0.0
+        if interval <= 0.0:
+            out[k] = state
+            continue
+        one, other = math.exp(-interval / first), math.exp(-interval / second)
+        of_first = (middle - values[k]) * first / (first - second)
+        of_second = state - values[k] - of_first
+        out[k] = values[k] + (of_first * first * (1.0 - one) + of_second * second * (1.0 - other)) / interval
+        middle = values[k] + (middle - values[k]) * one
+        state = values[k] + of_first * one + of_second * other
     return out
 
 
@@ -240,6 +267,7 @@ def pending_changes(time: FloatArray, values: FloatArray, shortest: float, longe
 # Loops with the number of further arguments, in the order in which a diagnosis needs them.
 LOOPS: tuple[tuple[Callable[..., FloatArray], int], ...] = (
     (lagged, 1),
+    (lagged_in_series, 2),
     (delayed, 1),
     (waited, 1),
     (pending_changes, 2),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.actuator_dynamics import lagged, rotor_lagged
+from rovid.effects.actuator_dynamics import lagged, lagged_in_series, rotor_lagged
 from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, OnThrust, OnTorque, Values
 
 
@@ -14,9 +14,8 @@ def _lagged_torque(inputs: ActuatorInputs, torque: FloatArray, values: Values) -
 
 
 def _lagged_in_series(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
-    return inputs.apply_per_trial(
-        lagged, _lagged_torque(inputs, torque, values), values["ratio"] * values["time_constant"]
-    )
+    first = values["time_constant"]
+    return inputs.apply_per_trial(lagged_in_series, torque, first, values["ratio"] * first)
 
 
 def _lagged_command(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:

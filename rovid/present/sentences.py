@@ -15,7 +15,7 @@ from rovid.control.tuning import PHASE_MARGIN, SENSITIVITY_PEAK
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS
-from rovid.diagnose.result import UNIDENTIFIABLE, Conclusion, Diagnosis, Finding, OtherCause, delays_of_the_sensor
+from rovid.diagnose.result import UNIDENTIFIABLE, Conclusion, Diagnosis, Finding, OtherCause
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import PLANAR_FORMS, Effect, effect_named, every_form
 from rovid.effects.further_terms import trials_in_form
@@ -254,8 +254,6 @@ def cautions(diagnosis: Diagnosis, trials: Sequence[Trial], vehicle: Vehicle) ->
     """Reasons to distrust a diagnosis that its causes do not show, a sentence each."""
     if diagnosis.is_cut_short and diagnosis.causes:
         yield f"{CUT_SHORT} Other causes may act in place of those that were found."
-    if delays := delays_of_the_sensor(trials, diagnosis.causes):
-        yield f"The {' and the '.join(delays)} may be that of the heading sensor. Log a gyro's rate to tell which."
     if len(trials) == 1 and trials[0].duration < _SHORT:
         minutes = format_number(trials[0].duration / 60.0, 2)
         yield f"The data are one run of {minutes} min. A second run may give other causes and values."

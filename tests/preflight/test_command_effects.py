@@ -191,8 +191,8 @@ def test_check_reports_a_reversed_thruster(tmp_path: Path, rovid: Rovid) -> None
 
 def test_implausible_arms_are_reported(tmp_path: Path, rovid: Rovid) -> None:
     write_day("rosub_hidden", tmp_path / "day", "43.0")
-    advice = rovid("check", "day", "--json").document["advice"]
-    assert [one for one in advice if one["kind"] == "scale"]
+    (fault,) = rovid("check", "day", "--json").document["faults"]
+    assert (fault["fault"], fault["stops"]) == ("thrust_unit", True)
     write_day("rosub_hidden", tmp_path / "weak", "0.1")
     advice = rovid("check", "weak", "--json").document["advice"]
     assert any(one["kind"] == "thrust_scale" and "rovid fit-thrust-scale" in one["text"] for one in advice)

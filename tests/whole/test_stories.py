@@ -264,9 +264,8 @@ def test_the_biased_inertia_stands_beside_it_as_what_it_is(lagged: Played) -> No
     assert biased > 1.05 * found
     shown = text_of(lagged.page)
     (said,) = re.findall(r"By orbit integral over whole periods: [^)]*\)\. This method does not model [^.]*\.", shown)
-    share = re.search(r"\(([\d.]+) % above the model's\)", said)
-    assert share is not None
-    assert float(share[1]) == pytest.approx(100.0 * (biased / found - 1.0), abs=0.6)  # rounded to a percent
+    # Its error includes what the equation lacks.
+    assert "(as the model, within their errors)" in said
     assert "thruster lag" in said
     assert "asymmetric thrust" in said
     model = section_of(lagged.page, "model")
@@ -274,9 +273,7 @@ def test_the_biased_inertia_stands_beside_it_as_what_it_is(lagged: Played) -> No
     # The lag changes no other number: the only caution is that it may act in the sensor.
     alone = r"Read this before you use the numbers The thruster lag may act in the sensor: [^.]*\. [^.]*which\. Symbols"
     assert re.search(alone, model)
-    (noted,) = [text for text in documents(lagged)["diagnose"]["warnings"] if "orbit integral" in text]
-    assert "does not model" in noted
-    assert "Believe" not in noted
+    assert not [text for text in documents(lagged)["diagnose"]["warnings"] if "orbit integral" in text]
 
 
 def test_a_file_of_an_older_rovid_is_read_and_its_standing_said(lagged: Played, tmp_path: Path, rovid: Rovid) -> None:

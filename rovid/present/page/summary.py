@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from rovid.core.formatting import plus_minus
-from rovid.diagnose.result import Diagnosis, Finding, next_experiment
+from rovid.diagnose.result import Diagnosis, Finding, delays_of_the_sensor, next_experiment
 from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
 from rovid.present.number_format import equal_decimals, number_with_unit, rounded_errors
@@ -24,7 +24,6 @@ from rovid.present.sentences import (
     plan_command,
     verdict_sentence,
 )
-from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
 # Number of detection limits in the sentence on a diagnosis without causes.
@@ -108,7 +107,7 @@ def summarize(report: ReportData) -> PageSummary:
     return PageSummary(
         headline=_headline(report),
         error=_error_sentence(report, errors, found=found),
-        reasons=() if diagnosis is None else tuple(_reasons(diagnosis, report.axis)),
+        reasons=() if diagnosis is None else tuple(_reasons(diagnosis, report)),
         no_cause=_no_cause_sentence(report),
         gains=tuple(_gain_bars(error, found=found) for error in errors),
         improvement=f"On trials that were not fitted: {improvement_words(changes)}." if found else "",
@@ -170,13 +169,15 @@ def _error_sentence(report: ReportData, errors: list[_SimulationError], *, found
     return f"{sentence} A perfect model's would be {floor} {error.unit} off."
 
 
-def _reasons(diagnosis: Diagnosis, axis: Axis) -> Iterator[Reason]:
+def _reasons(diagnosis: Diagnosis, report: ReportData) -> Iterator[Reason]:
+    axis, trials = report.axis, report.campaign.trials if report.campaign else ()
     for finding in diagnosis.causes:
+        of_sensor = "; perhaps of the sensor" if delays_of_the_sensor(trials, (finding,)) else ""
         names = [effect_title(effect, axis) for effect in (finding.effect, *finding.indistinguishable)]
         yield Reason(
             title=join_words(names, "or"),
             size=size_words(finding),
-            sure=evidence_words(finding),
+            sure=f"{evidence_words(finding)}{of_sensor}",
             may_be_guess=bool(finding.estimate.assumptions.effect_caveat(finding.effect.id)),
         )
     for signal, _ in diagnosis.signals:

@@ -27,7 +27,7 @@ from rovid.present.page.render import render_page
 from rovid.present.plots import canvas
 from rovid.present.plots.results import paper_step_runs, plot_closed_loop
 from rovid.present.report_data import ReportData
-from rovid.present.tables.control import formats_table, gains_table, loss_reasons, runs_table
+from rovid.present.tables.control import formats_table, gains_table, loss_reasons, loss_title, runs_table
 from rovid.present.tables.table import ResultTable
 from rovid.store.parameter_file import Parameters
 from rovid.trial.vehicle import ThrustCurve, Thruster
@@ -107,7 +107,7 @@ def test_a_format_on_the_page_is_that_of_rovid_export(folder: Path, tmp_path: Pa
     for cell, key in ((row[2], "mismatch"), (row[4], "mismatch_of_what_is_held")):
         assert cell == f"{done.document[key]['yaw_rate_percent_of_range']:.2g}"
     for loss in done.document["not_held"]:
-        assert f"{loss['what'].replace('_', ' ')} {loss['yaw_rate_percent_of_range']:.2g}" in row[5]
+        assert f"{loss_title(loss['what'])} {loss['yaw_rate_percent_of_range']:.2g}" in row[5]
 
 
 def test_either_section_can_be_left_out(folder: Path, rovid: Rovid) -> None:
