@@ -138,6 +138,7 @@ def test_a_cell_that_is_no_number_is_named() -> None:
         described({"time_s": [0.0, 1.0], "heading_deg": [0.0]})
 
 
+@pytest.mark.slow
 def test_bad_logs_and_saved_files(tmp_path: Path) -> None:
     study = described(
         table(),

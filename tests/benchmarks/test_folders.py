@@ -76,6 +76,7 @@ def test_a_refusal(code: int, message: str, verdict: str, tmp_path: Path, monkey
     assert folders.scored(tmp_path, TRUTH).verdict == verdict
 
 
+@pytest.mark.slow
 def test_what_is_not_found_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # In this process, for a start of Python at every folder would take most of the time.
     monkeypatch.setattr(folders, "init", in_process)

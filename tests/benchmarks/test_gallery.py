@@ -240,6 +240,7 @@ def test_a_page_that_tells_where_the_logs_are_is_not_written(tmp_path: Path, mon
     assert not page.exists()
 
 
+@pytest.mark.slow
 def test_a_set_is_run_kept_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "docs" / "real.md"
     page.parent.mkdir()

@@ -86,6 +86,7 @@ def few(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_plan_keeps_the_limits(few: Path, rovid: Rovid) -> None:
     limits = ("--minutes", 1.5, "--share", 0.5, "--max-rate", 45, "--turns", 2)
     document = rovid("plan", few, "--axes", "planar", *limits, "--narrow", "yaw.linear_drag", "--json").document

@@ -58,6 +58,7 @@ def test_the_answer_comes_before_the_path_of_the_page(rovid: Rovid) -> None:
     assert said.endswith(f"{document['answer']} report/index.html")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank")
 def test_a_dive_without_holds_and_sines_says_so(rovid: Rovid) -> None:
     rovid("fit-inertia", SAMPLES / "bluerov2_pier59" / "dive.csv")

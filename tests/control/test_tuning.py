@@ -82,6 +82,7 @@ def test_the_loop_is_unstable_beyond_its_delay_margin(key: str) -> None:
     assert end > 0.99 * middle
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.85, 1.15])
 def test_the_loop_is_unstable_beyond_its_lag_margin(share: float) -> None:
     controller = law(1200.0, 3500.0)

@@ -188,6 +188,7 @@ def by_predictions(monkeypatch: pytest.MonkeyPatch, *, is_adequate: bool) -> tup
     return diagnose(prepared(), synthetic.LOGGED, said.append), said
 
 
+@pytest.mark.slow
 def test_an_early_end_of_the_multi_step_search_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
     (early, twice), (whole, once) = (by_predictions(monkeypatch, is_adequate=adequate) for adequate in (True, False))
     assert [finding.effect.id for finding in early.findings] == ["thruster_lag"]

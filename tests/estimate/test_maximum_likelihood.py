@@ -267,6 +267,7 @@ def test_the_thrust_scale_error_is_a_factor_on_forces_only() -> None:
     assert np.array_equal(openly.covariance, sure.covariance)
 
 
+@pytest.mark.slow
 def test_the_limit_of_the_disturbance_is_loosened_once_the_effect_is_in(tmp_path: Path, rovid: Rovid) -> None:
     write_short_day(tmp_path / "day")
     advanced_commands(tmp_path / "day", 32)

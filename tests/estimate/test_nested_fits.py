@@ -71,6 +71,7 @@ def test_every_form_at_its_neutral_value_is_the_smaller_model(name: str, request
         assert objective.value(neutral_start(objective, base)) == pytest.approx(base.value, abs=allowed), form.key
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["short", slow("short_multi_step")])
 def test_no_form_ends_below_the_smaller_model(name: str, request: pytest.FixtureRequest) -> None:
     base: FitResult = request.getfixturevalue(name)

@@ -321,6 +321,7 @@ def test_three_standard_errors_hold_at_any_number_of_holds(count: int, memory: f
     assert sum(off) <= 4
 
 
+@pytest.mark.slow
 def test_many_holds_have_errors_of_the_disturbance() -> None:
     """Errors are not wide for nothing: with 20 holds they are as large as the scatter of the estimates."""
     found = answers(20, 0.1, one_way=False)

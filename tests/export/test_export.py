@@ -523,6 +523,7 @@ def test_uuv_controllers_get_a_yaml(fitted: Path, tmp_path: Path) -> None:
     assert found["linear_damping"][5] == pytest.approx(-entries["linear_drag"].value)
 
 
+@pytest.mark.slow
 def test_an_export_without_logs_reports_its_assumptions(fitted: Path, tmp_path: Path) -> None:
     alone = tmp_path / "alone.toml"
     document = tomllib.loads(fitted.read_text()) | {"logs": ["gone"]}

@@ -97,6 +97,7 @@ def test_a_format_reproduces_the_motion_with_all_that_it_holds(name: str) -> Non
     assert made.stability.stable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HELD)
 def test_what_a_format_lacks_is_listed_with_its_size(name: str) -> None:
     lacking = sorted(set(SIZES) - HELD[name] - {"current"})
@@ -188,6 +189,7 @@ def test_the_sdf_of_gz_sim_is_the_model_in_flu_axes() -> None:
         terms.update(kept)
 
 
+@pytest.mark.slow
 def test_the_xacro_of_uuv_holds_the_matrices() -> None:
     content = exported("uuv", "sway_yaw_damping").content
     assert isinstance(content, str)
@@ -237,6 +239,7 @@ def test_mujoco_says_that_a_body_has_one_mass() -> None:
     assert made.mismatch.largest > 1.0
 
 
+@pytest.mark.slow
 def test_rudders_and_azimuth_angles_are_listed_where_they_are_lost() -> None:
     given = subject()
     port, *others = given.vehicle.thrusters

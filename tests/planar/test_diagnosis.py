@@ -23,6 +23,7 @@ from rovid.trial.trial import Campaign
 from tests.planar.vehicles import box_rov, campaign
 
 
+@pytest.mark.slow
 def test_a_hidden_coupling_is_found_and_predicts_held_out_parts() -> None:
     truth = box_rov(5, couplings=(1.5, 1.0))
     diagnosis = diagnose_planar(campaign(truth, runs=4, levels=12, hold=4.0, seed=1))

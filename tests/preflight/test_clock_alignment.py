@@ -198,6 +198,7 @@ def test_a_heading_in_both_files_determines_each_offset(tmp_path: Path, rovid: R
         assert one["offset"] == pytest.approx(-seconds, abs=max(4.0 * float(str(one["error"])), 0.01))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("index", "twice"), [(13, "heading"), slow(20, "rate"), (28, "")])
 def test_clock_offsets_in_a_generated_folder(index: int, twice: str, tmp_path: Path) -> None:
     truth = write_folder(tmp_path, seed=77, index=index, clocks=Clocks(apart=0.9, drift=1e-4, twice=twice))
@@ -211,6 +212,7 @@ def test_clock_offsets_in_a_generated_folder(index: int, twice: str, tmp_path: P
     assert all(row.certain for row in rows) or not twice
 
 
+@pytest.mark.slow
 def test_a_diagnosed_delay_may_be_a_clock_offset(tmp_path: Path, rovid: Rovid) -> None:
     day(tmp_path / "day", split="{run}_{part}.csv")
     document = rovid("diagnose", "day", "--json").document

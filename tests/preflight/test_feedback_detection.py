@@ -23,6 +23,7 @@ LOGGED = Vehicle(name="test", thrusters=(Thruster(name="torque", arm=1.0, curve=
 EACH = 10
 
 
+@pytest.mark.slow
 def test_open_loop_is_rarely_called_feedback() -> None:
     # 2 of 1200 such runs with other seeds; of 120 more than two would come up once in a thousand times.
     assert sum(seen(steered(kind, seed)) for kind in OPEN for seed in range(EACH)) <= 2

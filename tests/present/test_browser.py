@@ -401,7 +401,7 @@ def test_the_first_screen_tells_wrong_why_gain_and_next(
     try:
         browser.open(page)
         terms = browser.ask("[...document.querySelectorAll('.answer dt')].map((each) => each.textContent)")
-        assert terms == ["Wrong", "Why", "Improvement", "Next"]
+        assert terms == ["Wrong", "Why", "Better", "Next"]
         for selector in FIRST:
             assert bottom(browser, selector) <= height, selector
         assert browser.ask("document.documentElement.scrollWidth") <= width

@@ -78,6 +78,7 @@ def simulate(folder: Path, *arguments: object) -> list[Path]:
     return [Path(name) for name in document["recordings"]]
 
 
+@pytest.mark.slow
 def test_a_file_for_each_trial(folder: Path, tmp_path: Path) -> None:
     paths = simulate(folder, "--mcap", tmp_path / "out")
     assert sorted(paths) == [tmp_path / "out" / Path(name).with_suffix(".mcap") for name in sorted(LOGS)]

@@ -102,6 +102,7 @@ def test_memory_that_was_never_written_to_is_not_read_over_and_over(tmp_path: Pa
     assert memory < _ALWAYS
 
 
+@pytest.mark.slow
 def test_a_stamp_weeks_away_makes_no_grid_of_weeks(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(csv_text(standard()) + "2900000.0,1.0,1.0\n")
     memory, _ = read(tmp_path / "a.csv", "init")

@@ -325,6 +325,7 @@ def test_files_of_one_trial_are_read_as_one(split: str, tmp_path: Path) -> None:
         assert any(remark.kind == "joined" for remark in trial.remarks)
 
 
+@pytest.mark.slow
 def test_an_offset_that_is_given_brings_clocks_together(tmp_path: Path, rovid: Rovid) -> None:
     day(tmp_path / "apart", split="{run}_{part}.csv", late=0.6)
     day(tmp_path / "day", split="{run}_{part}.csv", late=0.6, block='parts = ["ins", "thr"]\noffset = { thr = -0.6 }\n')

@@ -128,6 +128,7 @@ def test_a_large_chunk_is_not_held(compression: str, config: Config, tmp_path: P
     assert read_apart(path) == "400"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not STATUS.exists(), reason="/proc/self/status is missing, which has the peak memory")
 def test_large_records_are_not_held(config: Config, tmp_path: Path) -> None:
     """A picture, an attachment, a metadata record, a chunk that is not packed: each a hole of 400 MB in the file."""

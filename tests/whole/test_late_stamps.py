@@ -41,6 +41,7 @@ def write_late_stamps(folder: Path) -> None:
         np.savetxt(folder / f"run_{log}.csv", rows, delimiter=",", header="time,command,heading", comments="")
 
 
+@pytest.mark.slow
 def test_late_stamps_are_a_fault_and_no_cause(tmp_path: Path, rovid: Rovid) -> None:
     write_late_stamps(tmp_path)
     document = rovid("diagnose", tmp_path, "-p", tmp_path / "p.toml", "--force", "--json").document

@@ -90,6 +90,7 @@ def test_paper(rovid: Rovid) -> None:
     assert any("No single inertia" in text for text in fit["warnings"])
 
 
+@pytest.mark.slow
 def test_every_command_prints_one_document_and_a_person_gets_tables(csv_day: Path, rovid: Rovid) -> None:
     for command in (["fit-drag", csv_day], ["fit-inertia"], ["simulate"], ["check", csv_day]):
         shown: Done = rovid(*command)

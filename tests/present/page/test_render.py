@@ -260,6 +260,7 @@ def test_without_holds_the_refusal_stands_in_place_of_the_drag(day: ReportData, 
     assert not made.residuals
 
 
+@pytest.mark.slow
 def test_copies_draw_the_same_plots(day: ReportData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few = replace(day, inertia=None, simulations=day.simulations[:1])
     plots = []
@@ -342,6 +343,7 @@ def test_logs_are_listed_with_the_hash_of_their_bytes(day: ReportData, tmp_path:
     assert page.count("this page only") == 1
 
 
+@pytest.mark.slow
 def test_of_many_trials_all_are_drawn_small_and_the_worst_large(
     day: ReportData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

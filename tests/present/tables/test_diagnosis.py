@@ -183,6 +183,7 @@ def test_too_little_data_is_one_sentence(day: ReportData) -> None:
     assert "Next Holds of several levels" in shown
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank")
 def test_tables_alone_make_a_page_that_says_why_there_is_no_diagnosis(rovid: Rovid) -> None:
     assert rovid("report", SAMPLES / "rosub_paper").code == 0
