@@ -41,6 +41,7 @@ class Deadly(Place):
         return Result(code=seed, seconds=0.0)
 
 
+@pytest.mark.slow
 def test_workers_that_hang_or_die_are_replaced_and_what_they_were_at_is_said() -> None:
     batch = Batch(format="csv", command="check", cut=False, numbers=range(6))
     (done,) = tried([batch], seed=7, jobs=1, longest=0.5, kind=Deadly)

@@ -25,20 +25,20 @@ LINES = (
     "convert day/sine.csv -o sine.mcap --axis yaw --force --json",
     "convert day/sine.csv --output sine.csv",
     "fit-drag day --axis yaw --parameters drag.toml --cutoff 0.5 --force --json",
-    "fit-inertia day --axis yaw -p inertia.toml --cutoff 0.5 --force --json",
     "fit gyro --gyro -p gyro.toml",
     "fit-thruster bench.csv --output curve.csv --command drive --thrust pull --unit kgf --force --json",
     "fit-thruster table.csv -o table_curve.csv",
     "fit-thrust-scale --before parameters.toml --after heavy.toml --added 500 --reference-error 2 --json",
-    "simulate day --axis yaw --parameters parameters.toml --cutoff 0.5 --mcap runs --effects-from own_law.py --json",
     "simulate day --force",
     "watch day --once --no-diagnosis --until 'inertia 50 %' -o next.csv --axis yaw -p watch.toml --cutoff 0.5 --json",
     "effect new another_law --force",
-    "compare parameters.toml heavy.toml -p parameters.toml --output page.html",
     "help thruster_lag --json",
 )
 # Other tests of `make test` run these with fewer options.
 SLOW_LINES = (
+    "compare parameters.toml heavy.toml -p parameters.toml --output page.html",
+    "simulate day --axis yaw --parameters parameters.toml --cutoff 0.5 --mcap runs --effects-from own_law.py --json",
+    "fit-inertia day --axis yaw -p inertia.toml --cutoff 0.5 --force --json",
     "fit day --effect thruster_lag --axis yaw -p lag.toml --cutoff 0.5 --force --effects-from own_law.py --json",
     "control --kp 100 --kd 710 --period 0.2 --delay 0.1 --rate-filter 0.3 --step 350:40 --c l.c --python l.py --json",
     "control day --damping 0.9 --bandwidth 0.3 --law ardusub -p parameters.toml --force --effects-from own_law.py",

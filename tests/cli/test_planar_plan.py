@@ -108,6 +108,7 @@ def test_a_plan_keeps_the_limits(few: Path, rovid: Rovid) -> None:
             assert (sign * (planned[name] - 1500.0)).max() <= 0.5 * sign * (most - 1500.0) + 10.0, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -56,6 +56,7 @@ def example(effect: Effect) -> Model:
     return replace(PAPER, effects=(effect,), effect_values=tuple(values))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", forms_for(VEHICLE), ids=lambda effect: effect.key)
 def test_recorded_commands_reproduce_the_heading_in_open_loop(effect: Effect) -> None:
     """The torque step by step equals that of all commands together."""

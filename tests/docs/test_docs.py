@@ -47,7 +47,7 @@ from typer.main import get_command
 from docs.make_pictures import FOLDER, PAGE, PICTURES, SCREENS, has_browser, screens
 from rovid.cli.cli import app
 from rovid.diagnose.result import Diagnosis
-from tests.conftest import ROOT, SAMPLES, blank_plots, diagnosed_once, run_rovid, write_short_day
+from tests.conftest import ROOT, SAMPLES, blank_plots, diagnosed_once, run_rovid, slow, write_short_day
 
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
@@ -227,7 +227,13 @@ def with_something(*, slow: bool) -> list[Path]:
     return [page for page in PAGES if of_this_run(page, slow=slow)]
 
 
-@pytest.mark.parametrize("page", with_something(slow=False), ids=name_of)
+# Pages whose commands other tests of `make test` run too.
+LONG = {"api", "control", "plan"}
+
+
+@pytest.mark.parametrize(
+    "page", [slow(page) if page.stem in LONG else page for page in with_something(slow=False)], ids=name_of
+)
 @pytest.mark.usefixtures("folder")
 def test_commands_of_a_page(page: Path, known: dict[str, Diagnosis], request: pytest.FixtureRequest) -> None:
     with blank_plots(), diagnosed_once(known):

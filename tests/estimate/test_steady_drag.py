@@ -339,6 +339,7 @@ def test_too_few_holds_are_refused_by_name(count: int) -> None:
         fit_drag(steady)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [0.1, 1.0, 10.0])
 @pytest.mark.parametrize("count", [12, slow(24)])
 def test_three_standard_errors_hold_in_each_direction(count: int, memory: float) -> None:

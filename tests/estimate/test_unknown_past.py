@@ -111,6 +111,7 @@ def left_by_seiche(time: FloatArray) -> FloatArray:
     return np.asarray(-GAIN * MOTION.inertia * FREQUENCY * (states @ RINGING[1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "values", "left", "state"),
     [

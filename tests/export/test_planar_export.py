@@ -86,6 +86,7 @@ def exported(name: str, *keys: str) -> VerifiedPlanarExport:
     return verified_planar_export(exporter, subject(*keys))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HELD)
 def test_a_format_reproduces_the_motion_with_all_that_it_holds(name: str) -> None:
     # One effect of each kind at once: those that exclude each other in a model are added all the same.

@@ -54,6 +54,7 @@ def run_with(plain: str, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_functions_of_vectors() -> None:
     (uses_llvm, wanted), (uses_plain, found) = (
         json.loads(run_with(plain, "-c", textwrap.dedent(FORMULA))) for plain in ("0", "1")

@@ -187,6 +187,7 @@ def test_a_parameter_file_is_of_one_axis(rovid: Rovid) -> None:
         assert "those of yaw were expected" in asked.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", ["surge", "sway"])
 def test_places_on_the_map_do_as_well(axis: str, tmp_path: Path, rovid: Rovid) -> None:
     truth = write_axis_day(tmp_path / "day", "work", "surge", seed=SEED, variant="position")
