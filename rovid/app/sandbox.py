@@ -221,11 +221,12 @@ class Upload:
     size: int = 0
 
     @classmethod
-    def start(cls, folder: Path, name: Path) -> Self:
-        """Open the temporary file."""
+    def start(cls, folder: Path, name: Path, session: SessionFolder) -> Self:
+        """Open the temporary file, which the ``session`` notes before it exists."""
         home = (folder / name).parent
         home.mkdir(parents=True, exist_ok=True)
         part = home / f"{PART_PREFIX}{secrets.token_hex(8)}"
+        session.note_unfinished(part)
         return cls(name=name, home=home, part=part, stream=part.open("xb"))
 
     def check_size(self, size: str) -> None:

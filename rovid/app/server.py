@@ -132,8 +132,7 @@ class _Handlers:
         if not folder:
             folder = self.root.name(await run_in_threadpool(self.root.new_folder))
             self.upload_folders.add(folder)
-        upload = await run_in_threadpool(Upload.start, self.root.path(folder), name)
-        self.session.note_unfinished(upload.part)
+        upload = await run_in_threadpool(Upload.start, self.root.path(folder), name, self.session)
         try:
             upload.check_size(request.headers.get("content-length", ""))
             async for part in request.stream():
