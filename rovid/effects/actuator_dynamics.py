@@ -14,7 +14,7 @@ from rovid.jit.decorators import compiled
 
 # Delays over which a range of delays is averaged.
 _DELAYS = 5
-# Least relative difference of two time constants in a row.
+# Least relative difference of the time constants of two lags in series; the response changes by half of it.
 _APART = 1e-4
 # Intervals that differ by no more than this share count as equal.
 _SAME = 1e-9
@@ -57,7 +57,7 @@ def lagged_in_series(time: FloatArray, values: FloatArray, first: float, second:
     """Mean until the next instant of (n,) held ``values`` behind two first-order lags, in equilibrium at the start."""
     if first <= 0.0 or second <= 0.0:
         return lagged(time, values, max(first, second))
-    # The sum of two exponentials: time constants that are equal differ in rounding.
+    # Each response is a sum of two exponentials, which equal time constants would divide by zero.
     if abs(second - first) < _APART * first:
         second = first * (1.0 + _APART)
     n = len(time)

@@ -1,6 +1,6 @@
 """Errors by torques that a model lacks; docs/method.md, (15a)."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple, Self
@@ -172,7 +172,7 @@ def _kinds(fitted: FitResult) -> list[Effect]:
     kinds = [
         effect
         for effect in every_form()
-        if (_is_other_law(effect) and own[effect.id] != effect.key if effect.id in own else effect.key in _KINDS)
+        if _counts(effect, own)
         and (not effect.axes or data.axis.name in effect.axes)
         and (drives or not (effect.changes_torque_input or effect.uses_wash))
         and set(effect.needs) <= channels
@@ -182,8 +182,15 @@ def _kinds(fitted: FitResult) -> list[Effect]:
     return kinds if acceleration is None else [*kinds, acceleration]
 
 
-def _is_other_law(form: Effect) -> bool:
-    """Whether a ``form`` of an effect of the model counts next to that effect: a smooth torque, no oscillation."""
+def _counts(form: Effect, own: Mapping[str, str]) -> bool:
+    """Whether the model may lack the torque of a ``form``: of a kind, or of another smooth law of its ``own`` effects.
+
+    ``own``: Id of each effect of the model -> its key.
+    """
+    if form.id not in own:
+        return form.key in _KINDS
+    if form.key == own[form.id]:
+        return False
     is_smooth = not any(parameter.piecewise_constant for parameter in form.parameters)
     return is_smooth and not (form.oscillatory or form.per_thruster)
 

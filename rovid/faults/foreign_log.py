@@ -37,9 +37,10 @@ _OPPOSITE = " That is impossible: its heading or its commands have the opposite 
 # A heading in radians that is read as degrees: the motion seems this much smaller. Largest relative error to say so.
 _RADIAN, _PRECISE = 180.0 / np.pi, 0.1
 _IN_RADIANS = " Its heading seems to be in radians, and that of the others in degrees."
+# Probability of a foreign log where a guessed thrust curve explains the deviation as well.
+_EVEN = 0.5
 # The same factor may come from a guessed thrust curve, and the log from the same vehicle.
 _GUESSED = "Or the guessed thrust curve is wrong at its thrust. The log was kept: measure the curve, and check again."
-_HALF = 0.5
 # Largest relative standard error of a log that takes part in groups.
 _MAX_ERROR = 0.05
 # Quantity of a step that another scale of all thrust explains as well.
@@ -125,7 +126,7 @@ def _foreign(log: LogMoments, count: int, vehicle: Vehicle) -> Detection[RunsDat
     )
     if vehicle.assumptions.includes_curve and factor > 0.0 and not is_radians:
         # At another thrust, an error of the guessed curve changes inertia and drag by a factor.
-        return Detection(fault=replace(fault, remedy="none", confidence=_HALF), done=_GUESSED)
+        return Detection(fault=replace(fault, remedy="none", confidence=_EVEN), done=_GUESSED)
     return Detection(fault=fault, done="It was set aside.", repair=partial(without, log=log.name))
 
 

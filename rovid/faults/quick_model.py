@@ -1,4 +1,4 @@
-"""A model of all logs within milliseconds, and what each log says against it: one regression by instrumental variables.
+"""A model of all logs within milliseconds, and how far each log deviates: one regression by instrumental variables.
 
 I rdot + DQ |r| r + DL r + trim = T + A(psi), all signals through one filter. A torque A of the heading, of wind, a
 current or a tether, is part of the model where it predicts the other logs: in a sine run alone it acts like an inertia.

@@ -8,7 +8,6 @@ inertia is possible then, the commands and the curve are of different units.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -129,8 +128,8 @@ def _command_unit(inertia: float, runs: Sequence[Run], vehicle: Vehicle, fault: 
     if not _FIT_LIMIT < factor * inertia / reference < _LARGEST_RATIO:
         return None
     text, names = next(iter(texts.items()))
-    inertia_text = re.split(f"{_WRONG}|{_CAUSES}", fault.text)[0]
-    return replace(fault, fault="unit_mismatch", text=f"Commands of {' and '.join(names)} {text} {inertia_text}")
+    text = f"Commands of {' and '.join(names)} {text} {_inertia_text(inertia, vehicle, reference)}"
+    return replace(fault, fault="unit_mismatch", text=text)
 
 
 def inertia_fault(inertia: float, error: float, vehicle: Vehicle, runs: Sequence[Run] = ()) -> Fault | None:
@@ -152,13 +151,10 @@ def _fault(
         return None
     ratio, others = inertia / reference, causes()
     fitting = [factor for factor in _UNITS if _LEAST_RATIO < ratio * factor < _LARGEST_RATIO]
-    axis = vehicle.axis
-    unit = "kg m^2" if axis.angular else "kg"
+    causes_text = "; or ".join((*others, *(_UNITS[factor] for factor in fitting))) or "check the thrust"
     text = (
-        f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
-        f"{unit}, which is impossible: water only adds to it.{_CAUSES if others else _WRONG}"
-        f"{'; or '.join((*others, *(_UNITS[factor] for factor in fitting))) or 'check the thrust'}. "
-        f"Check the curve's newtons, {axis.arm_key}, mass and size."
+        f"{_inertia_text(inertia, vehicle, reference)}{_CAUSES if others else _WRONG}{causes_text}. "
+        f"Check the curve's newtons, {vehicle.axis.arm_key}, mass and size."
     )
     return Fault(
         fault="thrust_unit",
@@ -169,15 +165,24 @@ def _fault(
     )
 
 
+def _inertia_text(inertia: float, vehicle: Vehicle, reference: float) -> str:
+    """Sentence on an inertia that is impossible next to the ``reference``, that of the rigid body."""
+    unit, ratio = "kg m^2" if vehicle.axis.angular else "kg", inertia / reference
+    why = "is impossible: water only adds to it" if ratio < 1.0 else "no vehicle has"
+    return (
+        f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
+        f"{unit}, which {why}."
+    )
+
+
 def _too_large(inertia: float, vehicle: Vehicle, reference: float, others: Sequence[str]) -> Fault:
     """An inertia that no body of water explains: rates that are too small, or a thrust that is too large."""
-    ratio, unit = inertia / reference, "kg m^2" if vehicle.axis.angular else "kg"
+    ratio = inertia / reference
     is_scaled = vehicle.axis.angular and _LEAST_RATIO < ratio / _DEGREES < _LARGEST_RATIO
     cause = "radians that are taken for degrees" if is_scaled else "the unit of thrust, of time, or of the motion"
     text = (
-        f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
-        f"{unit}, which no vehicle has.{_WRONG}{'; or '.join((cause, *others))}. Check the units in rovid.toml, "
-        "mass and size."
+        f"{_inertia_text(inertia, vehicle, reference)}{_WRONG}{'; or '.join((cause, *others))}. Check the units in "
+        "rovid.toml, mass and size."
     )
     fault = "scaled_heading" if is_scaled else "thrust_unit"
     return Fault(fault=fault, logs=(), text=text, size=_DEGREES if is_scaled else ratio, stops=True)

@@ -151,7 +151,7 @@ def speed_question(columns: Columns) -> str:
     others = [name for name, logged in columns.items() if name not in angles and np.ptp(finite_values(logged)) > 0.0]
     candidates = ", ".join(others[:_MAX_CANDIDATES])
     return (
-        f"{angles[0]} is the angle of a rudder or of wheels, by name, and no column is a speed by its name. Name "
+        f"{angles[0]} is the angle of a rudder or of wheels, by its name, and no column is a speed by its name. Name "
         f'both with --command "{angles[0]},SPEED"; SPEED may be one of {candidates or "no column here: log it"}.'
     )
 

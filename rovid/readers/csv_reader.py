@@ -54,7 +54,7 @@ def has_thousands(cell: str) -> bool:
 
 
 def read_grouped(columns: Sequence[Sequence[str]], time: int | None) -> list[FloatArray] | None:
-    """(n,) numbers of each of ``columns`` in the one notation that fits them all; None if none or both do.
+    """(n,) numbers of each of ``columns`` in the one notation that fits them all; None if no notation or both fit.
 
     Where both fit, that one is taken in which the column ``time`` goes back less often: 999, 1.000, 1.001 is a time in
     ms with thousands separators.

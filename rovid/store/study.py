@@ -1,6 +1,5 @@
 """A study of the logs, or tables, in a folder, and what can be identified from them."""
 
-import contextlib
 import math
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
@@ -300,7 +299,7 @@ def input_files(paths: Sequence[Path]) -> list[Path]:
 def config_files(paths: Sequence[Path]) -> list[Path]:
     """The rovid.toml of ``paths``, its thrust curves and the file of its prior, as far as they exist."""
     files: list[Path] = []  # Errors in rovid.toml are reported when the file is loaded.
-    with contextlib.suppress(ConfigError):
+    with suppress(ConfigError):
         config = find_config(paths)
         files.append(config)
         document = read_toml(config)

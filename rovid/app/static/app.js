@@ -235,7 +235,7 @@ const plots = new Plots(byId("rows"), {
   needed: () => [...columns.values()].filter(({ role }) => role === "heading" || role === "command").sort((a) => (a.role === "heading" ? -1 : 1)).map(({ source }) => source),
   heading: () => [...columns.values()].find(({ role, kind }) => role === "heading" && kind === current()?.kind),
 });
-let shownColumns = [], shownCount = 0;
+let shownColumns = [];
 // Order of the plots: what a fit needs first.
 const FIRST = ["heading", "command", "yaw_rate"];
 
@@ -248,7 +248,8 @@ const openLog = async () => {
 
 function sayColumns() {
   const used = shownColumns.filter(({ source }) => columns.get(key(current().kind, source))?.role).length;
-  byId("columns-said").textContent = `${shownCount} of ${shownColumns.length} columns of this log are shown; in use: ${used}.`;
+  const shown = document.querySelectorAll("#rows .row").length;
+  byId("columns-said").textContent = `${shown} of ${shownColumns.length} columns of this log are shown; in use: ${used}.`;
 }
 
 function listColumns() {
@@ -257,9 +258,8 @@ function listColumns() {
   const rank = (column) => (FIRST.indexOf(roleOf(column)) + FIRST.length + 1) % (FIRST.length + 1);
   const used = shownColumns.filter((column) => roleOf(column)).sort((a, b) => rank(a) - rank(b));
   const list = all || !used.length ? [...used, ...shownColumns.filter((column) => !roleOf(column))] : used;
-  shownCount = list.length;
-  sayColumns();
   byId("rows").replaceChildren(...list.map((column) => columnRow(kind, column)));
+  sayColumns();
   plots.place(document.querySelectorAll("#rows .chart"));
 }
 

@@ -172,7 +172,7 @@ def _error_sentence(report: ReportData, errors: list[_SimulationError], *, found
 def _reasons(diagnosis: Diagnosis, report: ReportData) -> Iterator[Reason]:
     axis, trials = report.axis, report.campaign.trials if report.campaign else ()
     for finding in diagnosis.causes:
-        of_sensor = "; perhaps of the sensor" if delays_of_the_sensor(trials, (finding,)) else ""
+        of_sensor = "; or the sensor lags" if delays_of_the_sensor(trials, (finding,)) else ""
         names = [effect_title(effect, axis) for effect in (finding.effect, *finding.indistinguishable)]
         yield Reason(
             title=join_words(names, "or"),
