@@ -19,8 +19,8 @@ PAGE = ROOT / "docs" / "calibration.md"
 # What turns logs into estimates and their errors; effects have pages and tests of their own.
 FILES = (
     "estimate/fisher_information.py", "estimate/fit_result.py", "estimate/innovation_likelihood.py",
-    "estimate/levenberg_marquardt.py", "estimate/multi_step.py", "estimate/nested_fits.py",
-    "estimate/parametrization.py", "model/filter_batch.py", "model/ode.py",
+    "estimate/levenberg_marquardt.py", "estimate/missing_torque.py", "estimate/multi_step.py",
+    "estimate/nested_fits.py", "estimate/parametrization.py", "model/filter_batch.py", "model/ode.py",
 )  # fmt: skip
 LINE = re.compile(r"^Estimator's code: `(?P<digest>[0-9a-f]+)`\..*(?:\n.+)*$", re.MULTILINE)
 SEED = 2  # of the campaigns of a check; the page's own have seed 1
