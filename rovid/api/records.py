@@ -17,7 +17,7 @@ from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, command_csv
 from rovid.estimate.maximum_likelihood import LikelihoodFit
-from rovid.export.run_export import VerifiedExport, VerifiedPlanarExport
+from rovid.export.run_export import VerifiedExport
 from rovid.model.parameter_names import effect_ids
 from rovid.model.simulation import TrialSimulation, simulate_runs
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
@@ -53,8 +53,6 @@ _PRINTED: Mapping[type, tuple[Callable[..., dict[str, Any]], Callable[..., None]
     PlanarFit: (planar.planar_fit_document, show_planar.show_planar_fit),
     Diagnosis: (diagnoses.diagnosis_document, show_diagnoses.show_study_diagnosis),
     PlanarDiagnosis: (planar.planar_diagnosis_document, show_planar.show_planar_diagnosis),
-    VerifiedExport: (results.export_document, show_results.show_export),
-    VerifiedPlanarExport: (results.export_document, show_planar.show_planar_export),
 }
 _CAUSE_KEYS = ["effect", "evidence", "confidence", "log_likelihood_gain", "held_out_log_likelihood_gain"]
 
@@ -245,10 +243,9 @@ def comparison_record(comparison: Comparison) -> to.ComparisonRecord:
     )
 
 
-def export_record(name: str, made: VerifiedExport | VerifiedPlanarExport, vehicle: Vehicle) -> to.ExportRecord:
+def export_record(name: str, made: VerifiedExport, vehicle: Vehicle) -> to.ExportRecord:
     """The record of an export in the format ``name``."""
-    document_of, show_of = _PRINTED[type(made)]
-    document = document_of(name, "", made, vehicle.assumptions) | {"file": None}
+    document = results.export_document(name, "", made, vehicle.assumptions) | {"file": None}
 
     def draw(panel: Axes) -> None:
         parts = {one["what"]: one for one in document["not_held"]} | {"the file as a whole": document["mismatch"]}
@@ -257,7 +254,7 @@ def export_record(name: str, made: VerifiedExport | VerifiedPlanarExport, vehicl
 
     return to.ExportRecord(
         document=document,
-        show=lambda console: show_of(console, Path(name), made),
+        show=lambda console: show_results.show_export(console, Path(name), made),
         draw=draw,
         table=pd.DataFrame(document["not_held"], columns=["what", "why", *filter(_is_percent, document["mismatch"])]),
         format=name,

@@ -18,9 +18,9 @@ from rovid.core.errors import ConfigError, DataError
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import Effect, effect_named
 from rovid.estimate.candidate_runs import RunLimits
-from rovid.export import run_export
 from rovid.export.interface import export_input
 from rovid.export.planar_input import planar_input
+from rovid.export.run_export import select_exporter, verified_export
 from rovid.preflight.check import check_logs, check_trials, require_right_signs, reversed_thrusters
 from rovid.preflight.planar_check import check_planar, check_planar_trials
 from rovid.readers.campaign import campaign_of
@@ -262,16 +262,12 @@ class VehicleStudy:
         vehicle, coupled = self.logs.vehicle, self.coupled
         if vehicle.assumptions:
             raise ConfigError(vehicle.assumptions.refusal, where=vehicle.name)
-        made: run_export.VerifiedExport | run_export.VerifiedPlanarExport
-        if coupled is not None:
-            planar_exporter, _ = run_export.select_planar_exporter(format, None)
-            made = run_export.verified_planar_export(
-                planar_exporter, planar_input(_stored(model or self.fit()), coupled)
-            )
-        else:
-            exporter, _ = run_export.select_exporter(format, None)
+        exporter, _ = select_exporter(format, None, planar=coupled is not None)
+        if coupled is None:
             vehicle.require_no_rudder("the format")
-            made = run_export.verified_export(exporter, export_input(_stored(model or self.fit()), self.logs))
+        stored = _stored(model or self.fit())
+        subject = export_input(stored, self.logs) if coupled is None else planar_input(stored, coupled)
+        made = verified_export(exporter, subject)
         return records.export_record(format, made, vehicle)
 
     def _require_one_axis(self, method: str) -> None:

@@ -1,19 +1,13 @@
 """``rovid export``."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from rovid.cli import completion, context
 from rovid.cli.options import Axes, EffectsFrom, ForceGuess, Json, ParameterFile, add_effects, argument, option
 from rovid.cli.streams import progress
 from rovid.export import FORMATS
-
-if TYPE_CHECKING:
-    from rovid.export.run_export import VerifiedExport, VerifiedPlanarExport
 
 
 def export(
@@ -39,23 +33,17 @@ def export(
     """Write the model in the format of a simulator."""
     add_effects(effects_from)
     planar = context.is_planar(axes, None)
+    from rovid.export.interface import export_input
+    from rovid.export.planar_input import planar_input
+    from rovid.export.run_export import select_exporter, verified_export
     from rovid.present.console import show_caution
     from rovid.present.documents.results import export_document
+    from rovid.present.terminal.results import show_export
 
-    show: Callable[..., None]
+    exporter, target = select_exporter(format, output, planar=planar)
     if planar:
-        from rovid.export.planar_input import planar_input
-        from rovid.export.run_export import select_planar_exporter, verified_planar_export
-        from rovid.present.terminal.planar import show_planar_export as show
-
-        planar_exporter, target = select_planar_exporter(format, output)
         stored = context.existing_parameters(parameters, planar=True)
     else:
-        from rovid.export.interface import export_input
-        from rovid.export.run_export import select_exporter, verified_export
-        from rovid.present.terminal.results import show_export as show
-
-        exporter, target = select_exporter(format, output)
         stored = context.yaw_parameters(parameters)
         stored.model()
     outputs = context.reserve_outputs([target], stored.logs, stored.path, force=force)
@@ -68,17 +56,13 @@ def export(
             logs = context.open_logs(stored.logs, None, stored.axis)
             logs.vehicle.require_no_rudder("the format")
     remarks, assumptions = context.require_usable(stored, logs, force=force)
-    exported: VerifiedExport | VerifiedPlanarExport
     with progress("Simulating …"):
-        if planar:
-            subject = replace(planar_input(stored, coupled), guess=assumptions)
-            exported = verified_planar_export(planar_exporter, subject)
-        else:
-            exported = verified_export(exporter, replace(export_input(stored, logs), guess=assumptions))
+        subject = planar_input(stored, coupled) if planar else export_input(stored, logs)
+        exported = verified_export(exporter, replace(subject, guess=assumptions))
     exported = replace(exported, warnings=(*exported.warnings, *remarks))
     outputs.write({target: exported.content})
     if json:
         context.print_json(export_document(format, str(target.path), exported, assumptions))
     else:
         show_caution(context.console(), assumptions)
-        show(context.console(), target.path, exported)
+        show_export(context.console(), target.path, exported)

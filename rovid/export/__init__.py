@@ -6,38 +6,32 @@ from typing import NamedTuple
 
 
 class ExportFormat(NamedTuple):
-    """Module of the exporter, file that it writes by default, and name of the exporter in the module.
+    """Module of the exporter, file that it writes by default, and names of the exporters in the module.
 
-    ``planar`` has module and name of the exporter of surge, sway and yaw together; ``other`` the exporters in the first
-    module for files with other suffixes.
+    ``planar`` exports surge, sway and yaw together, ``other`` files with other suffixes.
     """
 
     module: str
     file: str
     function: str = "export"
-    planar: tuple[str, str] | None = None
+    planar: str = ""
     other: Mapping[str, str] = MappingProxyType({})
 
 
 # Formats in the order of all lists. Shell completion imports this module, which therefore imports no exporter.
 FORMATS: Mapping[str, ExportFormat] = {
-    "gz-sim": ExportFormat("gazebo", "gz_sim.sdf", "export_gz_sim", ("planar_gazebo", "export_gz_sim")),
+    "gz-sim": ExportFormat("gazebo", "gz_sim.sdf", "export_gz_sim", "export_planar_gz_sim"),
     "uuv": ExportFormat(
-        "uuv",
-        "uuv.xacro",
-        planar=("planar_gazebo", "export_uuv"),
-        other={".yaml": "export_yaml", ".yml": "export_yaml"},
+        "uuv", "uuv.xacro", planar="export_planar", other={".yaml": "export_yaml", ".yml": "export_yaml"}
     ),
-    "vrx": ExportFormat("gazebo", "vrx.sdf", "export_vrx", ("planar_gazebo", "export_vrx")),
+    "vrx": ExportFormat("gazebo", "vrx.sdf", "export_vrx", "export_planar_vrx"),
     "stonefish": ExportFormat("stonefish", "stonefish.scn"),
-    "mujoco": ExportFormat("mujoco", "mujoco.xml", planar=("mujoco", "export_planar")),
-    "ros2": ExportFormat("rovid_equation", "ros2.yaml", "export_ros2", ("rovid_equation", "export_planar_ros2")),
-    "matlab": ExportFormat("rovid_equation", "rovid.mat", "export_matlab", ("rovid_equation", "export_planar_matlab")),
-    "json": ExportFormat("rovid_equation", "rovid.json", "export_json", ("rovid_equation", "export_planar_json")),
-    "python-vehicle-simulator": ExportFormat(
-        "python_vehicle_simulator", "rovid_vehicle.py", planar=("python_vehicle_simulator", "export_planar")
-    ),
-    "mss": ExportFormat("mss", "rovid_vehicle.m", planar=("mss", "export_planar")),
+    "mujoco": ExportFormat("mujoco", "mujoco.xml", planar="export_planar"),
+    "ros2": ExportFormat("rovid_equation", "ros2.yaml", "export_ros2", "export_planar_ros2"),
+    "matlab": ExportFormat("rovid_equation", "rovid.mat", "export_matlab", "export_planar_matlab"),
+    "json": ExportFormat("rovid_equation", "rovid.json", "export_json", "export_planar_json"),
+    "python-vehicle-simulator": ExportFormat("python_vehicle_simulator", "rovid_vehicle.py", planar="export_planar"),
+    "mss": ExportFormat("mss", "rovid_vehicle.m", planar="export_planar"),
     "ardupilot": ExportFormat("autopilots", "ardupilot.parm", "export_ardupilot", other={".py": "export_sitl"}),
     "px4": ExportFormat("autopilots", "px4.txt", "export_px4"),
 }

@@ -19,7 +19,7 @@ from rovid.core.output_files import export_mark
 from rovid.export import python_vehicle_simulator
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.rovid_equation import STEP, STEP_NOTE
-from rovid.export.thruster_curves import constant_trim, number_list, thruster_curves
+from rovid.export.thruster_curves import constant_trim, number_list
 
 _GAINS = (
     "The file holds gains. Inertia and drag of the vehicle are not among the autopilot's parameters; they act in the "
@@ -66,13 +66,14 @@ def _head(name: str, subject: ExportInput) -> list[str]:
     """Comments on the outputs and the trim."""
     vehicle = escape_invisible(subject.vehicle.name)
     lines = [f"# {export_mark(name)}.", f"# {vehicle}: yaw identified by rovid, positive clockwise from above."]
-    for curve in thruster_curves(subject):
+    for curve in subject.curves:
         ends = number_list(curve.command[[0, -1]])
         lines.append(
             f"# {escape_invisible(curve.name)}: command at the ends {ends}, at rest {curve.neutral:.6g}, yaw arm "
             f"{curve.arm:.6g} m."
         )
-    return lines + [f"# Trim of {escape_invisible(one.thruster)}: {one.text}." for one in constant_trim(subject)]
+    trim = constant_trim(subject.curves, subject.value("bias_torque", "torque"))
+    return lines + [f"# Trim of {escape_invisible(one.thruster)}: {one.text}." for one in trim]
 
 
 def _tuned(name: str, subject: ExportInput) -> tuple[dict[str, float], list[str]]:
@@ -103,7 +104,7 @@ def _loop_texts(law: AutopilotLaw, margins: Margins) -> Iterator[str]:
 
 
 def _result(subject: ExportInput, lines: list[str], notes: list[str]) -> ExportResult:
-    trimmed = {"bias_torque"} if constant_trim(subject) else set()
+    trimmed = {"bias_torque"} if constant_trim(subject.curves, subject.value("bias_torque", "torque")) else set()
     return ExportResult(
         content="\n".join(lines) + "\n",
         simulate=None,

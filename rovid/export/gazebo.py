@@ -1,11 +1,18 @@
 """gz-sim and VRX: models in SDF with thrusters, and with the systems Hydrodynamics or SimpleHydrodynamics.
 
-gz-sim, from its sources: the torque on the link is (nR + nRabsR*|r|)*r, with negative numbers for damping; <nRR> is the
-term without absolute value. VRX, from its sources: the torque is -(nR + nRR*|r|)*r - nDotR*rdot, limited to max_effort,
-with rdot of the step before. An added inertia as large as the rigid body's makes that loop diverge, a smaller one adds
-a lag: the link has the whole inertia. Axes are FLU, z up: the yaw rate is minus rovid's.
+Axes are FLU, z up: sway and yaw have the opposite signs of rovid's.
+
+gz-sim with DART, from its sources: <fluid_added_mass> joins the link's spatial inertia, Coriolis forces included, at
+velocities over ground. Hydrodynamics adds the force sum of (<yV> + <yVabsU>*|u| + …)*v over all pairs, at velocities
+through the water; the names are the axis in lower case, then the velocities in upper case, and the numbers negative for
+damping. <nRR> is the term without absolute value.
+
+VRX, from its sources: the torque is -(nR + nRR*|r|)*r - nDotR*rdot, limited to max_effort, with rdot of the step
+before. An added inertia as large as the rigid body's makes that loop diverge, a smaller one adds a lag: the link has
+the whole inertia. There are no terms off the diagonal, and no Coriolis force: its matrix is computed but not applied.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,163 +20,175 @@ import numpy as np
 from rovid.core.formatting import TextTemplates, xml_attribute, xml_comment
 from rovid.core.output_files import export_mark
 from rovid.effects.actuator_inputs import actuator_inputs
-from rovid.export.body_equation import Scheme
+from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.interface import ExportInput, ExportResult
-from rovid.export.resimulation import equation_rate, thrust_torque
-from rovid.export.thruster_curves import ThrusterCurve, curve_comment, curve_effect_keys, thruster_curves
+from rovid.export.planar_input import PlanarInput
+from rovid.export.resimulation import simulation
+from rovid.export.thruster_curves import ThrusterUnit, curve_comment
 from rovid.trial.trial import Trial
 
 _TEXTS = TextTemplates(__file__, "gazebo")
 
-NEWTONS = "Thruster takes newtons: convert commands by the curves in the comments, which hold the effects of the curve."
+_NEWTONS = (
+    "Thruster takes newtons: convert commands by the curves in the comments, which hold the effects of the curve."
+)
 # s, integration steps of gz-sim with DART (semi-implicit Euler) and of VRX's worlds.
-GZ_STEP, VRX_STEP = 0.001, 0.004
+_GZ_STEP, _VRX_STEP = 0.001, 0.004
 # VRX: default limit of a hydrodynamic force in N or torque in N m, and its limit relative to the largest drag in logs.
-EFFORT, EFFORT_FACTOR = 10_000.0, 10.0
+_EFFORT, _EFFORT_FACTOR = 10_000.0, 10.0
 # Number of points of a curve behind a dead band.
 _POINTS = 20001
+_ROWS, _VELOCITIES = "xyn", "UVR"
+_PLANAR_GZ = (
+    "The added mass stands in <fluid_added_mass>, which DART alone honours, with its Coriolis forces and the Munk "
+    "moment; <xDotU>, <yDotV>, <nDotR> of the plugin would count it twice."
+)
+_PLANAR_VRX = (
+    "The added mass stands in <fluid_added_mass> of the link, with its Coriolis forces and the Munk moment. <xDotU>, "
+    "<yDotV>, <nDotR> are 0: VRX takes the acceleration of the step before and no Coriolis force."
+)
+_DEFAULTS = "What is not written keeps SimpleHydrodynamics' defaults, which are not zero ({}): set your own."
 
 
 def export_gz_sim(subject: ExportInput) -> ExportResult:
     """A model in SDF for gz-sim with DART."""
-    model, body, added = subject.model, subject.rigid_inertia, subject.added_inertia
-    hydrodynamics = f"""    <plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics">
-      <link_name>base_link</link_name>
-      <nR>{-model.linear_drag:.10g}</nR>
-      <nRabsR>{-model.quadratic_drag:.10g}</nRabsR>
-    </plugin>"""
-    fluid = f"<fluid_added_mass><rr>{added:.10g}</rr></fluid_added_mass>"
-
+    model = subject.model
+    terms = {"nR": -model.linear_drag, "nRabsR": -model.quadratic_drag}
     notes = (
         "The added inertia stands in <fluid_added_mass>, which DART alone honours; <nDotR> would count it twice.",
         "<nRabsR> needs a gz-sim that has it (its pull request 1888); older ones give <nR> the opposite sign.",
     )
-    return _model("gz-sim", subject, body, fluid, hydrodynamics, GZ_STEP, notes)
+    equation = subject.equation(_GZ_STEP, Scheme.BODY_EULER)
+    added = {"rr": subject.added_inertia}
+    return _model("gz-sim", subject, subject.rigid_inertia, added, terms, equation, notes)
+
+
+def export_planar_gz_sim(subject: PlanarInput) -> ExportResult:
+    """A model of surge, sway and yaw in SDF for gz-sim with DART."""
+    linear, absolute, kept = subject.damping
+    terms: dict[str, float | str] = {}
+    for i, row in enumerate(_ROWS):
+        for j, first in enumerate(_VELOCITIES):
+            terms[f"{row}{first}"] = -linear[i, j]
+            for k, second in enumerate(_VELOCITIES):
+                terms[f"{row}{first}abs{second}"] = -absolute[i, j, k]
+    terms = {name: value for name, value in terms.items() if value}
+    north, east = subject.model.current
+    losses, notes = [], [_PLANAR_GZ, "<xUabsU> and its like need a gz-sim that has them (its pull request 1888)."]
+    if north or east:
+        terms["default_current"] = f"{east:.10g} {north:.10g} 0"
+        kept |= {"current"} & subject.effects.keys()
+        losses.append(("current", "DART's added mass acts at velocities over ground, not through the water"))
+        notes.append("<default_current> is in ENU axes: start the model with a yaw of 90 deg less the heading.")
+    damping = {"linear": linear, "absolute": absolute}
+    equation = subject.equation(
+        _GZ_STEP, Scheme.BODY_EULER, **damping, current=np.array([north, east]), inertia_in_water=False
+    )
+    made = _model("gz-sim", subject, subject.rigid_inertia, _added_mass(subject), terms, equation, notes)
+    return replace(made, kept_effects=made.kept_effects | kept, base_losses=losses)
 
 
 def export_vrx(subject: ExportInput) -> ExportResult:
     """A model in SDF for VRX on gz-sim."""
     model = subject.model
-    effort = max(EFFORT, EFFORT_FACTOR * float(model.drag(np.array(subject.largest_rate))))
-    hydrodynamics = f"""    <plugin filename="libSimpleHydrodynamics.so" name="vrx::SimpleHydrodynamics">
-      <link_name>base_link</link_name>
-      <nDotR>0</nDotR>
-      <nR>{model.linear_drag:.10g}</nR>
-      <nRR>{model.quadratic_drag:.10g}</nRR>
-      <max_effort>{effort:.10g}</max_effort>
-    </plugin>"""
-
+    effort = max(_EFFORT, _EFFORT_FACTOR * float(model.drag(np.array(subject.largest_rate))))
+    terms = {"nDotR": 0.0, "nR": model.linear_drag, "nRR": model.quadratic_drag, "max_effort": effort}
     ratio = subject.added_inertia / subject.rigid_inertia
-    inertia_note = (
+    note = (
         "The whole inertia is the link's and <nDotR> 0: VRX takes the acceleration of the step before, which lags and, "
         f"with an added inertia beyond the body's (here {ratio:.2g} times it), diverges."
     )
-    notes = (
-        inertia_note,
-        "What is not written keeps SimpleHydrodynamics' defaults, which are not zero (xU, yV 20): set your own.",
-    )
-    return _model("vrx", subject, model.inertia, "", hydrodynamics, VRX_STEP, notes)
+    notes = (note, _DEFAULTS.format("xU, yV 20"))
+    return _model("vrx", subject, model.inertia, {}, terms, subject.equation(_VRX_STEP, Scheme.BODY_EULER), notes)
+
+
+def export_planar_vrx(subject: PlanarInput) -> ExportResult:
+    """A model of surge, sway and yaw in SDF for VRX on gz-sim."""
+    base = subject.model.base
+    largest = np.max(base[4:7] * subject.envelope + base[7:10] * subject.envelope**2)
+    still = dict.fromkeys(("xDotU", "yDotV", "nDotR"), 0.0)
+    drags = dict(zip(("xU", "xUU", "yV", "yVV", "nR", "nRR"), base[[4, 7, 5, 8, 6, 9]].tolist(), strict=True))
+    terms = still | drags | {"max_effort": max(_EFFORT, _EFFORT_FACTOR * float(largest))}
+    notes = (_PLANAR_VRX, _DEFAULTS.format("zW, kP, mQ 20"))
+    equation = subject.equation(_VRX_STEP, Scheme.BODY_EULER)
+    return _model("vrx", subject, subject.rigid_inertia, _added_mass(subject), terms, equation, notes)
+
+
+def _added_mass(subject: PlanarInput) -> dict[str, float]:
+    """Added mass by the names of SDF; products of sway and yaw keep their sign in FLU axes."""
+    mass, inertia = subject.mass, subject.model.mass_matrix
+    xx, yy, yr, rr = inertia[0, 0] - mass, inertia[1, 1] - mass, inertia[1, 2], inertia[2, 2] - subject.rigid_inertia
+    return {name: value for name, value in {"xx": xx, "yy": yy, "yr": yr, "rr": rr}.items() if value}
 
 
 def _model(
-    name: str, subject: ExportInput, izz: float, fluid: str, hydrodynamics: str, step: float, notes: tuple[str, ...]
+    name: str,
+    subject: ExportInput | PlanarInput,
+    izz: float,
+    added: Mapping[str, float],
+    terms: Mapping[str, float | str],
+    equation: BodyEquation,
+    notes: Sequence[str],
 ) -> ExportResult:
-    """An SDF model with one link, its thrusters and these hydrodynamics, in steps of ``step`` s."""
-    curves = thruster_curves(subject)
-    bands = [deadband_thrust(subject, index) for index in range(len(curves))]
-    thrusters = []
-    for curve, band in zip(curves, bands, strict=True):
-        x, side = curve.place
-        if curve.side:
-            thrusters.append(thruster_xml(curve, band, f"{x:.10g} 0", f"0 {side:g}"))
-    content = sdf(
-        name,
-        subject.vehicle.name,
-        "yaw identified by rovid; z up, a yaw rate is minus the heading's",
-        (subject.mass, izz),
-        fluid,
-        f"{hydrodynamics}\n{''.join(thrusters)}",
+    """An SDF model with one link, its thrusters, ``added`` masses, and ``terms`` of the hydrodynamics of ``name``."""
+    units, thrusters = [], ""
+    vehicle, _ = subject.thrusters
+    names = [one.name for one in vehicle.thrusters]
+    for unit in subject.units:
+        band = _deadband_thrust(subject, names.index(unit.curve.name))
+        units.append(_with_deadband(unit, band))
+        if unit.curve.side or isinstance(subject, PlanarInput):
+            place, direction = unit.flu
+            thrusters += _TEXTS["thruster"].format(
+                comment=curve_comment(unit.curve),
+                name=unit.curve.identifier,
+                place=place,
+                direction=direction,
+                most=max(float(unit.curve.thrust.max()), 0.0),
+                least=min(float(unit.curve.thrust.min()), 0.0),
+                deadband=f"\n      <deadband>{band:.10g}</deadband>" if band > 0.0 else "",
+            )
+    fluid = "".join(f"<{key}>{value:.10g}</{key}>" for key, value in added.items())
+    lines = [f"      <{key}>{one if isinstance(one, str) else f'{one:.10g}'}</{key}>\n" for key, one in terms.items()]
+    content = _TEXTS["model"].format(
+        mark=export_mark(name),
+        words=xml_comment(vehicle.name),
+        title=subject.title,
+        name=xml_attribute(vehicle.name),
+        mass=subject.mass,
+        izz=izz,
+        fluid=f"<fluid_added_mass>{fluid}</fluid_added_mass>" if fluid else "",
+        plugin=_TEXTS[name],
+        terms="".join(lines),
+        thrusters=thrusters,
     )
-    banded = [with_deadband(curve, band) for curve, band in zip(curves, bands, strict=True)]
-    equation = subject.equation(step, Scheme.BODY_EULER)
     return ExportResult(
         content=content,
-        simulate=lambda commands: equation_rate(equation, thrust_torque(banded, commands, step)),
+        simulate=simulation(subject, equation, units),
         equation=equation,
-        kept_effects=curve_effect_keys(subject),
-        notes=(*frame_notes(subject), NEWTONS, *notes),
+        kept_effects=subject.curve_keys,
+        notes=(*subject.frame_notes, _NEWTONS, *notes),
     )
 
 
-def sdf(name: str, vehicle: str, title: str, masses: tuple[float, float], fluid: str, plugins: str) -> str:
-    """A model with one link, ``masses`` in kg and kg m^2 in yaw, and its ``fluid`` added mass, ``plugins`` included."""
-    mass, izz = masses
-    return _TEXTS["model"].format(
-        mark=export_mark(name),
-        words=xml_comment(vehicle),
-        title=title,
-        name=xml_attribute(vehicle),
-        mass=mass,
-        izz=izz,
-        fluid=fluid,
-        plugins=plugins,
-    )
-
-
-def frame_notes(subject: ExportInput) -> tuple[str, ...]:
-    """Assumptions about inertia and thrusters in FLU axes."""
-    rigid = subject.vehicle.rigid_body_inertia
-    notes = ["Axes are FLU, z up: a yaw rate there is minus rovid's, which grows with the heading."]
-    if rigid is None:
-        notes.append("The rigid-body inertia is not known: the whole inertia is taken as the body's, added inertia 0.")
-    elif rigid > subject.model.inertia:
-        notes.append(
-            f"The rigid-body inertia of [vehicle], {rigid:.4g} kg m^2, exceeds the identified "
-            f"{subject.model.inertia:.4g} kg m^2: the whole is taken as the body's, added inertia 0."
-        )
-    if subject.vehicle.mass is None:
-        notes.append("The mass is not known: 1 kg stands in its place.")
-    notes.append("Roll, pitch and the other axes are not identified: their inertia is a stand-in, their drag missing.")
-    if any(thruster.curve is not None for thruster in subject.vehicle.thrusters):
-        notes.append(
-            "Thrusters stand on the x axis at plus and minus their yaw arm in turn, pushing across: the yaw torque is "
-            "right, the places are not known."
-        )
-    return tuple(notes)
-
-
-def deadband_thrust(subject: ExportInput, index: int) -> float:
+def _deadband_thrust(subject: ExportInput | PlanarInput, index: int) -> float:
     """Thrust in N at the edge of a thruster's dead band, if thrust sets in with a jump; else 0."""
     values = subject.effects.get("thruster_deadband:jump")
     if values is None:
         return 0.0
-    still = Trial.from_commands(np.zeros(1), np.zeros((1, len(subject.vehicle.thrusters))))
-    where = actuator_inputs(subject.vehicle, still)
+    vehicle, _ = subject.thrusters
+    where = actuator_inputs(vehicle, Trial.from_commands(np.zeros(1), np.zeros((1, len(vehicle.thrusters)))))
     # The smaller thrust of both directions, half a ramp before the threshold: no thrust of the curve is lost.
     size = np.full(len(where.names), (1.0 - 0.5 * values["edge"]) * values["deadband"])
-    ends = [subject.vehicle.thrust(where.from_excess(sign * size)[None])[0, index] for sign in (1.0, -1.0)]
+    ends = [vehicle.thrust(where.from_excess(sign * size)[None])[0, index] for sign in (1.0, -1.0)]
     return min(abs(float(end)) for end in ends)
 
 
-def with_deadband(curve: ThrusterCurve, band: float) -> ThrusterCurve:
-    """The curve without thrusts below ``band`` in N."""
+def _with_deadband(unit: ThrusterUnit, band: float) -> ThrusterUnit:
+    """The thruster without thrusts below ``band`` in N."""
     if band <= 0.0:
-        return curve
+        return unit
+    curve = unit.curve
     command = np.union1d(curve.command, np.linspace(curve.command[0], curve.command[-1], _POINTS))
     thrust = curve(command)
-    return replace(curve, command=command, thrust=np.where(np.abs(thrust) < band, 0.0, thrust))
-
-
-def thruster_xml(curve: ThrusterCurve, band: float, place: str, direction: str) -> str:
-    """A thruster at ``place`` and along ``direction``, both as x and y in FLU axes; ``band`` in N."""
-    name = curve.identifier
-    deadband = f"\n      <deadband>{band:.10g}</deadband>" if band > 0.0 else ""
-    return _TEXTS["thruster"].format(
-        comment=curve_comment(curve),
-        name=name,
-        place=place,
-        direction=direction,
-        most=max(float(curve.thrust.max()), 0.0),
-        least=min(float(curve.thrust.min()), 0.0),
-        deadband=deadband,
-    )
+    return unit._replace(curve=replace(curve, command=command, thrust=np.where(np.abs(thrust) < band, 0.0, thrust)))

@@ -14,10 +14,9 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import TextTemplates, python_docstring
 from rovid.core.output_files import export_mark
 from rovid.export.interface import PERIOD, ExportInput, ExportResult
-from rovid.export.planar_input import PlanarExportResult, PlanarInput
-from rovid.export.resimulation import repeat_held, thrust_torque
-from rovid.export.rovid_equation import own_equation
-from rovid.export.thruster_curves import ThrusterCurve, curve_effect_keys, number_list, thruster_curves
+from rovid.export.planar_input import PlanarInput
+from rovid.export.resimulation import unit_forces
+from rovid.export.thruster_curves import ThrusterCurve, number_list
 
 # s, step of the verification, and of the verdict on stability.
 STEP = 0.05
@@ -49,7 +48,7 @@ def _head(title: str, curves: Sequence[ThrusterCurve], levers: Sequence[str], **
 
 def export(subject: ExportInput) -> ExportResult:
     """The function for yaw: x = (r, psi), tau = N."""
-    model, curves = subject.model, thruster_curves(subject)
+    model, curves = subject.model, subject.curves
     damping = " + ".join(["-Nr - Nrr*abs(r)", *_given(_YAW_DAMPING, subject.effects)])
     content = _head(
         subject.vehicle.name,
@@ -67,27 +66,19 @@ def export(subject: ExportInput) -> ExportResult:
         torque=" + ".join(_given(_YAW_TORQUES, subject.effects)) or "0",
     )
 
-    def simulate(commands: FloatArray) -> FloatArray:
-        torque = thrust_torque(curves, commands, STEP)
-        return _integrate(content, torque[:, None], np.zeros(2))[:, 0]
-
     return ExportResult(
         content=content,
-        simulate=simulate,
+        simulate=lambda commands: _integrate(content, unit_forces(subject, commands, STEP)[:, 2:], np.zeros(2))[:, :1],
         equation=subject.equation(STEP, **subject.drag_terms),
-        kept_effects=curve_effect_keys(subject)
-        | (subject.effects.keys() & {*_YAW_DAMPING, *_YAW_FACTORS, *_YAW_TORQUES}),
+        kept_effects=subject.curve_keys | (subject.effects.keys() & {*_YAW_DAMPING, *_YAW_FACTORS, *_YAW_TORQUES}),
         notes=_NOTES,
     )
 
 
-def export_planar(subject: PlanarInput) -> PlanarExportResult:
+def export_planar(subject: PlanarInput) -> ExportResult:
     """The function for surge, sway and yaw: x = (u, v, r, north, east, psi), tau = (X, Y, N)."""
     base, (linear, absolute, damped) = subject.model.base, subject.damping
-    names = [one.name for one in subject.vehicle.thrusters]
-    columns = [names.index(curve.name) for curve in subject.curves]
-    levers = np.array([(o.surge_share, o.sway_share, o.arm) for o in subject.actuators.thrusters.thrusters])
-    squared = dict(subject.effects.get("speed_dependent_damping:planar_quadratic", {}))
+    squared = subject.effects.get("speed_dependent_damping:planar_quadratic", {})
     numbers = {
         "Xudot": subject.mass - float(base[0]),
         "Yvdot": subject.mass - float(base[1]),
@@ -117,7 +108,10 @@ def export_planar(subject: PlanarInput) -> PlanarExportResult:
         for key, values in subject.effects.items()
         if key in _STRIP_FORMS
     ]
-    arms = [f"levers {a:.10g} ahead, {b:.10g} to starboard, {c:.10g} m in yaw" for a, b, c in levers]
+    arms = [
+        f"levers {one.surge_share:.10g} ahead, {one.sway_share:.10g} to starboard, {one.arm:.10g} m in yaw"
+        for one in subject.actuators.thrusters.thrusters
+    ]
     content = _head(
         subject.vehicle.name,
         subject.curves,
@@ -138,18 +132,12 @@ def export_planar(subject: PlanarInput) -> PlanarExportResult:
         strips="".join(strips),
     )
 
-    def simulate(commands: FloatArray) -> FloatArray:
-        thrust = np.column_stack([curve(commands[:, at]) for curve, at in zip(subject.curves, columns, strict=True)])
-        states = _integrate(content, repeat_held(thrust @ levers, STEP), np.zeros(6))
-        return np.asarray(states[:, [5, 0, 1, 2]])
-
-    others = {"current", "bias_torque:planar", "speed_dependent_damping:planar_quadratic"}
-    kept = {key for key in subject.effects if key in others or key in _STRIP_FORMS}
-    return PlanarExportResult(
+    others = {"current", "bias_torque:planar", "speed_dependent_damping:planar_quadratic", *_STRIP_FORMS}
+    return ExportResult(
         content=content,
-        equation=own_equation(subject, STEP),
-        simulate=simulate,
-        kept_effects=subject.curve_keys | damped | kept,
+        equation=subject.own_equation(STEP),
+        simulate=lambda commands: _integrate(content, unit_forces(subject, commands, STEP), np.zeros(6))[:, :3],
+        kept_effects=subject.curve_keys | damped | (subject.effects.keys() & others),
         notes=_NOTES,
     )
 

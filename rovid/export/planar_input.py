@@ -1,39 +1,26 @@
-"""Input and result of the exporters of the coupled model, its commands for verification, and rovid's own motion."""
+"""Input of the exporters of the coupled model, its commands for verification, and rovid's own motion."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_inputs import neutral_commands
-from rovid.effects.base import Coupling, WaterCurrent
-from rovid.export.body_equation import BodyEquation
-from rovid.export.interface import PERIOD, ExportInput
-from rovid.export.resimulation import first_order_lag, repeat_held
-from rovid.export.thruster_curves import (
-    COMMAND_LAG,
-    NO_LAG,
-    THRUST_LAG,
-    ThrusterCurve,
-    ThrusterLag,
-    curve_effect_keys,
-    thruster_curves,
-)
-from rovid.model.model import Model
+from rovid.export.body_equation import BodyEquation, Scheme
+from rovid.export.interface import PERIOD, VELOCITIES, Subject
+from rovid.export.thruster_curves import ThrusterUnit
+from rovid.model.bound_effects import BoundEffect
 from rovid.planar.dataset import PlanarData
 from rovid.planar.free_runs import PlanarMotion, simulate_planar
 from rovid.planar.model import AXIS_SPEEDS, PlanarActuators, PlanarCommands, PlanarModel
-from rovid.store.parameter_file import Entry, Parameters
+from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy, planar_model
-from rovid.trial.assumptions import Assumptions
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster, Vehicle
 
-_STAND_IN_MASS = 1.0
 # Largest speeds in m/s and rad/s without logs.
 _ASSUMED = (1.0, 0.5, 0.3)
 # Sections of the verification: shares of the largest command ahead, to starboard and in turn, for one length each.
@@ -55,30 +42,24 @@ _SECTIONS = (
 _LENGTH, _SLOWEST = 2.0, (1.0, 30.0)
 # rad, largest angle of a rudder or of an azimuth thruster in the verification.
 _LARGEST_ANGLE = math.pi / 4.0
-# Number of bisections for the amplitude.
-_BISECTIONS = 8
-
-
-class ThrusterUnit(NamedTuple):
-    """A thruster in a simulator: it pushes from a place along a direction."""
-
-    curve: ThrusterCurve
-    x: float  #: m ahead.
-    y: float  #: m to starboard.
-    direction: float  #: rad, 0 ahead, positive to starboard.
+# Least range of a velocity in percentages, as a share of the envelope of the logs.
+_LEAST_RANGE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlanarInput:
+class PlanarInput(Subject):
     """Coupled model and vehicle to export."""
 
+    velocities = VELOCITIES
+    title = "surge, sway and yaw identified by rovid; FLU axes, z up"
+
     model: PlanarModel
-    vehicle: Vehicle
-    entries: Mapping[str, Entry]  #: Parameters with units and standard errors.
     envelope: FloatArray  #: (3,) largest speeds in m/s and rad/s in the logs.
-    commands: FloatArray  #: (k, 2) smallest and largest command of each actuator in the logs.
-    notes: tuple[str, ...] = ()
-    guess: Assumptions = field(default_factory=Assumptions)
+
+    @property
+    def least_ranges(self) -> FloatArray:
+        """(3,) least range of each velocity for percentages."""
+        return _LEAST_RANGE * self.envelope
 
     @cached_property
     def actuators(self) -> PlanarActuators:
@@ -86,49 +67,18 @@ class PlanarInput:
         return PlanarActuators(self.vehicle)
 
     @property
-    def effects(self) -> Mapping[str, Mapping[str, float]]:
-        """Parameters of each effect, by the key of the effect."""
-        return {one.effect.key: dict(one.values) for one in self.model.effects}
+    def bound_effects(self) -> tuple[BoundEffect, ...]:
+        """Effects of the model with their parameters."""
+        return self.model.effects
 
     def with_effects(self, keys: frozenset[str]) -> PlanarModel:
         """The model with only these effects."""
         return replace(self.model, effects=tuple(one for one in self.model.effects if one.effect.key in keys))
 
     @cached_property
-    def thrusters(self) -> ExportInput:
-        """The thrusters alone, as input of the functions for thrust curves; angles excluded."""
-        own = [one for one in self.model.effects if not isinstance(one.effect.acts, Coupling | WaterCurrent)]
-        values = [float(value) for one in own for value in one.parameters]
-        entries = {
-            f"{one.effect.key}.{name}": Entry(value=value, standard_error=math.nan, unit="", method="")
-            for one in own
-            for name, value in one.values.items()
-        }
-        model = Model(
-            inertia=1.0,
-            quadratic_drag=0.0,
-            linear_drag=0.0,
-            effects=tuple(one.effect for one in own),
-            effect_values=tuple(values),
-        )
-        return ExportInput(
-            model=model,
-            vehicle=self.actuators.thrusters,
-            entries=entries,
-            largest_rate=float(self.envelope[2]),
-            commands=self.commands[self.actuators.thruster_columns],
-            reference={},
-        )
-
-    @cached_property
-    def curves(self) -> list[ThrusterCurve]:
-        """Thrust curve of each thruster."""
-        return thruster_curves(self.thrusters)
-
-    @property
-    def curve_keys(self) -> frozenset[str]:
-        """Keys of the effects that a thrust curve represents."""
-        return curve_effect_keys(self.thrusters)
+    def thrusters(self) -> tuple[Vehicle, FloatArray]:
+        """The vehicle with its thrusters alone, and (k, 2) the smallest and largest command of each."""
+        return self.actuators.thrusters, self.commands[self.actuators.thruster_columns]
 
     @cached_property
     def units(self) -> list[ThrusterUnit]:
@@ -140,28 +90,45 @@ class PlanarInput:
             if size == 0.0:
                 for sign, suffix in ((1.0, "_a"), (-1.0, "_b")):
                     half = replace(curve, thrust=0.5 * curve.thrust, identifier=curve.identifier + suffix)
-                    found.append(ThrusterUnit(half, sign * arm, 0.0, sign * math.pi / 2.0))
+                    lever = (0.0, sign, arm)
+                    found.append(ThrusterUnit(half, sign * arm, 0.0, sign * math.pi / 2.0, lever))
                 continue
             # The point of the line of thrust that is closest to the origin, where the place is not known.
             x, y = thruster.position or (arm * side / size**2, -arm * ahead / size**2)
             scaled = replace(curve, thrust=size * curve.thrust)
-            found.append(ThrusterUnit(scaled, x, y, math.atan2(side, ahead)))
+            lever = (ahead / size, side / size, (x * side - y * ahead) / size)
+            found.append(ThrusterUnit(scaled, x, y, math.atan2(side, ahead), lever))
         return found
 
     @property
     def mass(self) -> float:
         """Mass in kg of the rigid body; the smaller inertia of surge and sway if not known or larger than that."""
         largest = float(min(self.model.base[:2]))
-        if self.vehicle.mass is None or self.vehicle.mass > largest:
-            return largest
-        return self.vehicle.mass
+        return min(self.vehicle.mass or largest, largest)
 
     @property
     def rigid_inertia(self) -> float:
         """Inertia of the rigid body in yaw in kg m^2; all of it if not known or larger than that."""
-        largest = float(self.model.base[2])
-        known = self.vehicle.rigid_body_inertia
-        return largest if known is None or known > largest else known
+        return self.rigid_within(float(self.model.base[2]))
+
+    @property
+    def frame_notes(self) -> list[str]:
+        """Assumptions about masses and thrusters in FLU axes."""
+        notes, mass = ["Axes are FLU, z up: sway and yaw rate there are minus rovid's."], self.vehicle.mass
+        if mass is None:
+            notes.append("The mass is not known: the smaller inertia of surge and sway is taken as the body's mass.")
+        elif mass > self.mass:
+            notes.append(
+                f"The mass of [vehicle], {mass:.4g} kg, exceeds the identified inertia of surge or sway: "
+                f"{self.mass:.4g} kg is taken as the body's mass."
+            )
+        if self.vehicle.rigid_body_inertia is None:
+            notes.append("The rigid-body inertia is not known: the whole yaw inertia is taken as the body's.")
+        if any(one.position is None for one in self.actuators.thrusters.thrusters):
+            notes.append(
+                "Thrusters without a position in rovid.toml stand where their line of thrust is closest to the origin."
+            )
+        return [*notes, "Heave, roll and pitch are not identified: their inertia is a stand-in, their drag missing."]
 
     @property
     def own_damping(self) -> tuple[FloatArray, FloatArray]:
@@ -194,8 +161,36 @@ class PlanarInput:
     @property
     def bias(self) -> FloatArray:
         """(3,) constant forces in N and N m."""
-        values = self.effects.get("bias_torque:planar", {})
-        return np.array([values.get(name, 0.0) for name in ("surge", "sway", "yaw")])
+        return np.array([self.value("bias_torque:planar", name) for name in ("surge", "sway", "yaw")])
+
+    def equation(self, step: float, scheme: Scheme, **terms: Any) -> BodyEquation:
+        """The equation with each axis' own damping, and further fields of `BodyEquation` in ``terms``."""
+        linear, absolute = self.own_damping
+        own = {"mass": self.model.mass_matrix, "linear": linear, "absolute": absolute}
+        return BodyEquation(**(own | terms), step=step, scheme=scheme)
+
+    def own_equation(self, step: float) -> BodyEquation:
+        """Rovid's equation with a Runge-Kutta step of ``step`` s."""
+        linear, absolute, _ = self.damping
+        terms = {"current": np.array(self.model.current), "coefficients": self.model.coefficients}
+        return self.equation(step, Scheme.RUNGE_KUTTA, linear=linear, absolute=absolute, **terms)
+
+    def motion(self, model: Any, commands: FloatArray) -> FloatArray:
+        """(n, 3) velocities over ground of a `PlanarModel`, from rest under (n, k) ``commands`` for `PERIOD` each."""
+        time = PERIOD * np.arange(len(commands), dtype=np.float64)
+        forces = self.actuators.forces(
+            PlanarCommands(self.actuators, Trial.from_commands(time, commands)), model.actuator_effects
+        )
+        scale, ends = np.maximum(self.envelope, 1e-3), np.array([0, len(time)])
+        motion = PlanarMotion.simulated(model, ends, time, forces.inputs, np.zeros((1, 6)), scale)
+        return np.column_stack(list(map(motion.sensor, AXIS_SPEEDS)))
+
+    def verification_shares(self) -> tuple[FloatArray, float, int]:
+        """(n, 3) shares for `PERIOD` each, along each axis, combined, and at rest; least factor, and bisections."""
+        slopes = self.model.base[4:7] + self.model.base[7:10] * np.maximum(self.envelope, 1e-3)
+        slowest = float(np.max(self.model.base[:3] / np.maximum(slopes, 1e-9)))
+        count = round(_LENGTH * min(max(slowest, _SLOWEST[0]), _SLOWEST[1]) / PERIOD)
+        return np.repeat(np.array(_SECTIONS), count, axis=0), 0.05, 8
 
     def commands_at(self, shares: FloatArray) -> FloatArray:
         """(n, k) commands of (n, 3) shares of the largest ones ahead, to starboard and in turn; angles follow turn."""
@@ -270,95 +265,3 @@ def largest_speeds(model: PlanarModel, data: PlanarData) -> FloatArray:
                 size = float(np.max(np.abs(motion.sensor(name))))
             sizes[axis] = max(sizes[axis], size)
     return sizes
-
-
-def verification_shares(subject: PlanarInput) -> FloatArray:
-    """(n, 3) shares for `PERIOD` each: along each axis, combined, and at rest, within the speeds of the logs."""
-    model = subject.model
-    slopes = model.base[4:7] + model.base[7:10] * np.maximum(subject.envelope, 1e-3)
-    slowest = float(np.max(model.base[:3] / np.maximum(slopes, 1e-9)))
-    count = round(_LENGTH * min(max(slowest, _SLOWEST[0]), _SLOWEST[1]) / PERIOD)
-    shares = np.repeat(np.array(_SECTIONS), count, axis=0)
-
-    def stays_within(factor: float) -> bool:
-        speeds = rovid_motion(subject, subject.model, subject.commands_at(factor * shares))[:, 1:]
-        return bool(np.all(np.max(np.abs(speeds), axis=0) <= np.maximum(subject.envelope, 1e-9)))
-
-    if stays_within(1.0):
-        return shares
-    low, high = 0.0, 1.0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if stays_within(middle) else (low, middle)
-    # A bias or a current alone may exceed the envelope.
-    return max(low, 0.05) * shares
-
-
-def rovid_motion(subject: PlanarInput, model: PlanarModel, commands: FloatArray) -> FloatArray:
-    """(n, 4) heading and velocities over ground of ``model``, from rest under (n, k) ``commands`` for `PERIOD` each."""
-    time = PERIOD * np.arange(len(commands), dtype=np.float64)
-    trial = Trial.from_commands(time, commands)
-    actuators = subject.actuators
-    inputs = actuators.forces(PlanarCommands(actuators, trial), model.actuator_effects).inputs
-    scale = np.maximum(subject.envelope, 1e-3)
-    motion = PlanarMotion.simulated(model, np.array([0, len(time)]), time, inputs, np.zeros((1, 6)), scale)
-    return np.column_stack(list(map(motion.sensor, ("heading", *AXIS_SPEEDS))))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlanarExportResult:
-    """Content of an exported file, and the simulator's equation with the numbers in it."""
-
-    content: str | bytes
-    equation: BodyEquation
-    #: (n, k) commands, each held for `PERIOD` -> (n, 4) heading and velocities over ground at the beginning of each.
-    simulate: Callable[[FloatArray], FloatArray]
-    kept_effects: frozenset[str]  #: Keys of the effects that the file represents.
-    keeps_angles: bool = False  #: Whether the file represents rudders and azimuth angles.
-    #: (parameter, reason) of the parts of the base model that the file cannot represent.
-    base_losses: tuple[tuple[str, str], ...] = ()
-    notes: tuple[str, ...] = ()
-
-
-def simulation(
-    subject: PlanarInput, equation: BodyEquation, units: Sequence[ThrusterUnit], lag: ThrusterLag = NO_LAG
-) -> Callable[[FloatArray], FloatArray]:
-    """Simulation of ``equation`` with thrusters at the places and along the directions of the file."""
-    names = [one.name for one in subject.vehicle.thrusters]
-    every = round(PERIOD / equation.step)
-
-    def simulate(commands: FloatArray) -> FloatArray:
-        forces = np.zeros((len(commands) * every, 3))
-        for unit in units:
-            curve = unit.curve
-            beyond = repeat_held(commands[:, names.index(curve.name)] - curve.neutral, equation.step)
-            if lag.key == COMMAND_LAG:
-                beyond = first_order_lag(beyond, lag.time_constant, equation.step)
-            thrust = curve(curve.neutral + beyond)
-            if lag.key == THRUST_LAG:
-                thrust = first_order_lag(thrust, lag.time_constant, equation.step)
-            ahead, side = math.cos(unit.direction), math.sin(unit.direction)
-            forces += np.outer(thrust, (ahead, side, unit.x * side - unit.y * ahead))
-        return equation.simulate(forces, every=every)
-
-    return simulate
-
-
-def frame_notes(subject: PlanarInput) -> tuple[str, ...]:
-    """Assumptions about masses and thrusters."""
-    notes = []
-    if subject.vehicle.mass is None:
-        notes.append("The mass is not known: the smaller inertia of surge and sway is taken as the body's mass.")
-    elif subject.vehicle.mass > subject.mass:
-        notes.append(
-            f"The mass of [vehicle], {subject.vehicle.mass:.4g} kg, exceeds the identified inertia of surge or sway: "
-            f"{subject.mass:.4g} kg is taken as the body's mass."
-        )
-    if subject.vehicle.rigid_body_inertia is None:
-        notes.append("The rigid-body inertia is not known: the whole yaw inertia is taken as the body's.")
-    if any(one.position is None for one in subject.actuators.thrusters.thrusters):
-        notes.append(
-            "Thrusters without a position in rovid.toml stand where their line of thrust is closest to the origin."
-        )
-    notes.append("Heave, roll and pitch are not identified: their inertia is a stand-in, their drag missing.")
-    return tuple(notes)

@@ -9,18 +9,9 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import TextTemplates, python_docstring
 from rovid.core.output_files import export_mark
 from rovid.export.interface import PERIOD, ExportInput, ExportResult
-from rovid.export.planar_input import PlanarExportResult, PlanarInput
+from rovid.export.planar_input import PlanarInput
 from rovid.export.resimulation import repeat_held
-from rovid.export.rovid_equation import own_equation
-from rovid.export.thruster_curves import (
-    THRUST_LAG,
-    ThrusterCurve,
-    ThrusterLag,
-    curve_effect_keys,
-    thruster_curves,
-    thruster_lag,
-)
-from rovid.trial.vehicle import Vehicle
+from rovid.export.thruster_curves import THRUST_LAG
 
 STEP = 0.02  # s, of the simulator's main.py
 # Further terms of the equation of motion in Python, torque in N m.
@@ -31,22 +22,20 @@ _TERMS = {
     "tether_torsion": " - {stiffness!r} * psi",
 }
 _TEXTS = TextTemplates(__file__, "python_vehicle_simulator")
+_NOTES = (
+    "Axes are NED, as rovid's: no sign changes.",
+    "The simulator's vehicles share no base class: the class has what its main loop calls.",
+)
 
 
-def vehicle_module(
-    vehicle: Vehicle,
-    curves: Sequence[ThrusterCurve],
-    levers: Sequence[object],
-    lag: ThrusterLag,
-    push: Mapping[str, str],
-    **texts: str,
-) -> str:
+def _module(subject: ExportInput | PlanarInput, levers: Sequence[object], push: Mapping[str, str], **texts: str) -> str:
     """The module with the class.
 
     ``levers``: Lever, or levers, of the thrust of each thruster.
     ``push``: Expression of the forces, of the commands and of the thrusts ``u``.
     ``texts``: Places of the template that depend on the axes.
     """
+    vehicle, curves, lag = subject.vehicle, subject.curves, subject.lag
     tables = ""
     for lever, curve in zip(levers, curves, strict=True):
         command, thrust = curve.command.tolist(), curve.thrust.tolist()
@@ -80,13 +69,11 @@ def vehicle_in(module: str) -> Any:
 
 def export(subject: ExportInput) -> ExportResult:
     """A module with the class RovidVehicle."""
-    model, curves, lag = subject.model, thruster_curves(subject), thruster_lag(subject)
+    model = subject.model
     terms = [_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS]
-    content = vehicle_module(
-        subject.vehicle,
-        curves,
-        [curve.arm for curve in curves],
-        lag,
+    content = _module(
+        subject,
+        [curve.arm for curve in subject.curves],
         {"command": "self.torque(u)", "thrust": "float(np.dot(self.arms, u))"},
         axes="Yaw",
         frame="the yaw rate nu[5] in rad/s and the heading eta[5] in rad are positive clockwise from above",
@@ -106,7 +93,7 @@ def export(subject: ExportInput) -> ExportResult:
         simulated = vehicle_in(content)
         nu, actual, eta, rates = simulated.nu, simulated.u_actual, np.zeros(6), []
         for control in repeat_held(commands, STEP):
-            rates.append(nu[5])
+            rates.append(nu[5:])
             nu, actual = simulated.dynamics(eta, nu, actual, control, STEP)
             eta[5] += STEP * nu[5]
         return np.array(rates[:: round(PERIOD / STEP)])
@@ -115,12 +102,8 @@ def export(subject: ExportInput) -> ExportResult:
         content=content,
         simulate=simulate,
         equation=subject.equation(STEP, **subject.drag_terms),
-        kept_effects=curve_effect_keys(subject) | {key for key in subject.effects if key in _TERMS or key == lag.key},
-        notes=(
-            "Axes are NED, as rovid's: no sign changes.",
-            "Yaw alone moves: surge to pitch keep their velocity.",
-            "The simulator's vehicles share no base class: the class has what its main loop calls.",
-        ),
+        kept_effects=subject.curve_keys | (subject.effects.keys() & {*_TERMS, subject.lag.key}),
+        notes=(_NOTES[0], "Yaw alone moves: surge to pitch keep their velocity.", _NOTES[1]),
     )
 
 
@@ -134,18 +117,15 @@ _PLANAR_TERMS = {
 }
 
 
-def export_planar(subject: PlanarInput) -> PlanarExportResult:
+def export_planar(subject: PlanarInput) -> ExportResult:
     """A module with the class RovidVehicle."""
     columns = [one.name for one in subject.vehicle.thrusters]
     linear, absolute, _ = subject.damping
-    lag = thruster_lag(subject.thrusters)
     terms = [_PLANAR_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _PLANAR_TERMS]
     north, east = subject.model.current
-    content = vehicle_module(
-        subject.vehicle,
-        subject.curves,
+    content = _module(
+        subject,
         [(one.surge_share, one.sway_share, one.arm) for one in subject.actuators.thrusters.thrusters],
-        lag,
         {"command": "self.thrusts(u) @ self.levers", "thrust": "u @ self.levers"},
         axes="Surge, sway and yaw",
         frame="nu = (u, v, w, p, q, r) over ground, eta = (north, east, down, roll, pitch, heading)",
@@ -172,21 +152,17 @@ def export_planar(subject: PlanarInput) -> PlanarExportResult:
         nu, actual, eta, rows = simulated.nu, simulated.u_actual, np.zeros(6), []
         chosen = commands[:, [columns.index(curve.name) for curve in subject.curves]]
         for control in repeat_held(chosen, STEP):
-            rows.append((eta[5], nu[0], nu[1], nu[5]))
+            rows.append(nu[[0, 1, 5]])
             before = nu[5]
             nu, actual = simulated.dynamics(eta, nu, actual, control, STEP)
             eta[5] += 0.5 * STEP * (before + nu[5])
         return np.array(rows[:: round(PERIOD / STEP)])
 
-    kept = {key for key in subject.effects if key in _COUPLED or key in _PLANAR_TERMS or key in {lag.key, "current"}}
-    return PlanarExportResult(
+    kept = subject.effects.keys() & {*_COUPLED, *_PLANAR_TERMS, subject.lag.key, "current"}
+    return ExportResult(
         content=content,
-        equation=own_equation(subject, STEP),
+        equation=subject.own_equation(STEP),
         simulate=simulate,
         kept_effects=subject.curve_keys | kept,
-        notes=(
-            "Axes are NED, as rovid's: no sign changes.",
-            "Surge, sway and yaw move: heave, roll and pitch keep their velocity.",
-            "The simulator's vehicles share no base class: the class has what its main loop calls.",
-        ),
+        notes=(_NOTES[0], "Surge, sway and yaw move: heave, roll and pitch keep their velocity.", _NOTES[1]),
     )

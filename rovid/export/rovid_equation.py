@@ -11,10 +11,8 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import identifiers, to_json, toml_text
 from rovid.core.output_files import export_mark
 from rovid.effects.base import Coupling, WaterCurrent
-from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.interface import ExportInput, ExportResult
-from rovid.export.planar_input import PlanarExportResult, PlanarInput, rovid_motion
-from rovid.export.resimulation import rovid_rate
+from rovid.export.planar_input import PlanarInput
 from rovid.model.model import Model
 from rovid.model.parameter_names import unit_of
 from rovid.planar.model import SNAME
@@ -154,7 +152,7 @@ def _result(subject: ExportInput, content: str | bytes, base: Mapping[str, Any],
     )
     return ExportResult(
         content=content,
-        simulate=lambda commands: rovid_rate(subject, read, commands),
+        simulate=lambda commands: subject.motion(read, commands),
         equation=subject.equation(STEP, **subject.drag_terms),
         kept_effects=frozenset(subject.effects),
         notes=(_NOTE, STEP_NOTE),
@@ -169,21 +167,7 @@ _PLANAR_AXES = (
 )
 
 
-def own_equation(subject: PlanarInput, step: float) -> BodyEquation:
-    """Rovid's equation with a Runge-Kutta step of ``step`` s."""
-    linear, absolute, _ = subject.damping
-    return BodyEquation(
-        mass=subject.model.mass_matrix,
-        linear=linear,
-        absolute=absolute,
-        current=np.array(subject.model.current),
-        coefficients=subject.model.coefficients,
-        step=step,
-        scheme=Scheme.RUNGE_KUTTA,
-    )
-
-
-def export_planar_json(subject: PlanarInput) -> PlanarExportResult:
+def export_planar_json(subject: PlanarInput) -> ExportResult:
     """All numbers with units, standard errors and SNAME names, and the equations of the effects."""
     names, values = subject.model.names, subject.model.values.tolist()
     entries: dict[str, dict[str, Any]] = {}
@@ -212,7 +196,7 @@ def export_planar_json(subject: PlanarInput) -> PlanarExportResult:
     return _planar_result(subject, content, {name: float(read[name]["value"]) for name in names})
 
 
-def export_planar_ros2(subject: PlanarInput) -> PlanarExportResult:
+def export_planar_ros2(subject: PlanarInput) -> ExportResult:
     """Parameters of any ROS 2 node in YAML; colons in names become underscores."""
     names = ", ".join(toml_text(one["name"]) for one in _thrusters(subject))
     lines = [f"# {export_mark('ros2')}.", f"# {EQUATION}", f"# {_PLANAR_AXES}", "/**:", "  ros__parameters:"]
@@ -232,7 +216,7 @@ def export_planar_ros2(subject: PlanarInput) -> PlanarExportResult:
     return _planar_result(subject, "\n".join(lines) + "\n", None)
 
 
-def export_planar_matlab(subject: PlanarInput) -> PlanarExportResult:
+def export_planar_matlab(subject: PlanarInput) -> ExportResult:
     """A .mat file of version 5 with one struct ``rovid``, and in it the matrices of MSS."""
     linear, _, _ = subject.damping
     keys = dict(zip(subject.model.names, identifiers(list(subject.model.names)), strict=True))
@@ -297,7 +281,7 @@ def _thrusters(subject: PlanarInput) -> list[dict[str, Any]]:
     return found
 
 
-def _planar_result(subject: PlanarInput, content: str | bytes, read: Mapping[str, float] | None) -> PlanarExportResult:
+def _planar_result(subject: PlanarInput, content: str | bytes, read: Mapping[str, float] | None) -> ExportResult:
     """The result, with the numbers as read back from the file."""
     model = subject.model
     if read is not None:
@@ -307,10 +291,10 @@ def _planar_result(subject: PlanarInput, content: str | bytes, read: Mapping[str
     if acting:
         notes.append(f"{', '.join(acting)} act between command and thrust: the reader implements them.")
     notes.append(STEP_NOTE)
-    return PlanarExportResult(
+    return ExportResult(
         content=content,
-        equation=own_equation(subject, STEP),
-        simulate=lambda commands: rovid_motion(subject, model, commands),
+        equation=subject.own_equation(STEP),
+        simulate=lambda commands: subject.motion(model, commands),
         kept_effects=frozenset(subject.effects),
         keeps_angles=True,
         notes=tuple(notes),

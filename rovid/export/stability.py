@@ -8,8 +8,9 @@ the simulator's own scheme, loses its kinetic energy in about the time that the 
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,8 +38,7 @@ _ALONE = (-1.0, -0.5, -0.2, 0.2, 0.5, 1.0)
 _SHARES = (1.0, 0.85, 0.7)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Stability:
+class Stability(NamedTuple):
     """Verdict about one file."""
 
     stable: bool
@@ -65,15 +65,9 @@ def envelope_starts(envelope: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=32)
-def judge_yaw(equation: BodyEquation, largest_rate: float) -> Stability:
-    """The verdict on yaw alone, up to ``largest_rate`` in rad/s; one equation of several formats is judged once."""
-    return judge_stability(equation, np.array([0.0, 0.0, largest_rate]))
-
-
-def judge_stability(equation: BodyEquation, envelope: FloatArray) -> Stability:
-    """The verdict for (3,) largest speeds ``envelope`` in m/s and rad/s."""
-    starts = envelope_starts(envelope)
-    speeds = (float(envelope[0]), float(envelope[1]), float(envelope[2]))
+def judge_stability(equation: BodyEquation, speeds: tuple[float, float, float]) -> Stability:
+    """The verdict for the largest ``speeds`` in m/s and rad/s; one equation of several formats is judged once."""
+    starts = envelope_starts(np.array(speeds))
     fastest = _fastest(equation, starts)
     # Whether a small motion grows by the linear damping of the exact equation.
     rates = np.linalg.eigvals(np.linalg.solve(equation.total_mass, equation.linear))
@@ -84,23 +78,14 @@ def judge_stability(equation: BodyEquation, envelope: FloatArray) -> Stability:
             "The model itself does not come to rest from every speed in the logs: its drag is too small along one "
             "axis, or its coupling terms feed energy. No step of the simulator mends this."
         )
-        return Stability(
-            stable=False, step=equation.step, largest_stable_step=None, rest_time=None, envelope=speeds, text=text
-        )
+        return Stability(False, equation.step, None, None, speeds, text)
 
     def is_stable(step: float) -> bool:
         return all(_is_stable(equation, starts, share * step, rest, fastest) for share in _SHARES)
 
     stable = is_stable(equation.step)
     largest = _largest_step(is_stable, equation.step, stable, rest)
-    return Stability(
-        stable=stable,
-        step=equation.step,
-        largest_stable_step=largest,
-        rest_time=rest,
-        envelope=speeds,
-        text=_text(stable, equation.step, largest, rest),
-    )
+    return Stability(stable, equation.step, largest, rest, speeds, _text(stable, equation.step, largest, rest))
 
 
 def _text(stable: bool, step: float, largest: float | None, rest: float) -> str:

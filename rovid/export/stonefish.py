@@ -13,16 +13,8 @@ from rovid.core.formatting import TextTemplates, xml_attribute
 from rovid.core.output_files import export_mark
 from rovid.export.body_equation import Scheme
 from rovid.export.interface import ExportInput, ExportResult
-from rovid.export.resimulation import equation_rate, thrust_torque
-from rovid.export.thruster_curves import (
-    ThrusterCurve,
-    curve_comment,
-    curve_effect_keys,
-    number_list,
-    thruster_curves,
-    thruster_inputs,
-    thruster_lag,
-)
+from rovid.export.resimulation import simulation
+from rovid.export.thruster_curves import ThrusterCurve, curve_comment, number_list, thruster_inputs
 
 _TEXTS = TextTemplates(__file__, "stonefish")
 
@@ -34,10 +26,9 @@ _RATES = 200  # number of rates in the fit of the drag
 
 def export(subject: ExportInput) -> ExportResult:
     """A robot for Stonefish with a box as its body."""
-    model, vehicle, curves = subject.model, subject.vehicle, thruster_curves(subject)
+    model, vehicle, curves, lag = subject.model, subject.vehicle, subject.curves, subject.lag
     linear, cubic, error = _fit_drag(subject)
     length, width = vehicle.length or 1.0, vehicle.width or 1.0
-    lag = thruster_lag(subject)
     inputs, input_note = thruster_inputs(curves, lag)
     thrusters = ""
     for curve, table in zip(inputs, curves, strict=True):
@@ -57,9 +48,9 @@ def export(subject: ExportInput) -> ExportResult:
         box += " (length or width not known: 1 m)"
     return ExportResult(
         content=_scenario(subject, length, width, linear, cubic, thrusters),
-        simulate=lambda commands: equation_rate(equation, thrust_torque(curves, commands, _STEP, lag)),
+        simulate=simulation(subject, equation, lag=lag),
         equation=equation,
-        kept_effects=curve_effect_keys(subject) | (subject.effects.keys() & {"drag_curvature", lag.key}),
+        kept_effects=subject.curve_keys | (subject.effects.keys() & {"drag_curvature", lag.key}),
         base_losses=tuple(losses),
         notes=(
             "Axes are FRD, z down, as rovid's: no sign changes.",

@@ -1,18 +1,21 @@
 """Thrust curves that include the memoryless effects, and the lag in front of or behind them."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.formatting import identifiers, xml_comment
+from rovid.effects import Effect
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.effects.thruster_imbalance import WITH_OTHERS
-from rovid.export.interface import ExportInput
-from rovid.model.actuator_model import CommandSeries
+from rovid.model.actuator_model import ActuatorModel, CommandSeries
+from rovid.model.bound_effects import BoundEffect
 from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Vehicle
 
 # Memoryless effects between the command and the thrust of one thruster.
 _CURVE_EFFECTS = ("thruster_deadband", "thrust_asymmetry", "thrust_curve_shape", "thruster_imbalance")
@@ -29,6 +32,11 @@ class ThrusterLag(NamedTuple):
 
     time_constant: float
     key: str
+
+    @classmethod
+    def of(cls, key: str, values: Mapping[str, float]) -> Self | None:
+        """The lag of the effect ``key``; None for an effect that is no such lag."""
+        return cls(values["time_constant"], key) if key in {THRUST_LAG, COMMAND_LAG} else None
 
 
 NO_LAG = ThrusterLag(0.0, "")
@@ -48,37 +56,49 @@ class ThrusterCurve:
     #: 1 ahead and -1 astern in turn, as the places are not known; 0 for a logged torque, which has no thruster.
     side: int
 
-    @property
-    def place(self) -> tuple[float, float]:
-        """Place on the x axis in m and direction along y, in FLU axes, with a torque about z of minus arm * thrust."""
-        return self.side * self.arm, -float(self.side)
-
     def __call__(self, command: FloatArray) -> FloatArray:
         """Thrust in N."""
         return np.interp(command, self.command, self.thrust)
 
 
-def curve_effect_keys(subject: ExportInput) -> frozenset[str]:
-    """Keys of the effects that a thrust curve represents."""
-    effects = subject.model.effects
-    return frozenset(one.key for one in effects if one.id in _CURVE_EFFECTS and not one.form.endswith(WITH_OTHERS))
+class ThrusterUnit(NamedTuple):
+    """A thruster in a simulator: it pushes from a place along a direction."""
+
+    curve: ThrusterCurve
+    x: float  #: m ahead.
+    y: float  #: m to starboard.
+    direction: float  #: rad, 0 ahead, positive to starboard.
+    lever: tuple[float, float, float]  #: Force along surge and sway, and torque in yaw, of 1 N.
+
+    @property
+    def flu(self) -> tuple[str, str]:
+        """Place and direction in FLU axes, both as x and y."""
+        ahead, left = np.round((math.cos(self.direction), -math.sin(self.direction)), 15) + 0.0
+        return f"{self.x:.10g} {0.0 - self.y:.10g}", f"{ahead:.10g} {left:.10g}"
 
 
-def thruster_curves(subject: ExportInput) -> list[ThrusterCurve]:
-    """Thrust curve of each thruster, with no more points than necessary."""
-    vehicle, model = subject.vehicle, subject.with_effects(curve_effect_keys(subject))
+def is_of_curve(effect: Effect) -> bool:
+    """Whether a thrust curve represents the effect."""
+    return effect.id in _CURVE_EFFECTS and not effect.form.endswith(WITH_OTHERS)
+
+
+def thruster_curves(vehicle: Vehicle, limits: FloatArray, effects: Sequence[BoundEffect]) -> list[ThrusterCurve]:
+    """Thrust curve of each thruster with the memoryless ``effects``, with no more points than necessary.
+
+    ``limits``: (k, 2) smallest and largest command, of a thruster without a curve.
+    """
     names = identifiers([thruster.name for thruster in vehicle.thrusters], taken=_RESERVED)
-    neutral = neutral_commands(vehicle)
+    neutral, actuators = neutral_commands(vehicle), ActuatorModel(tuple(effects))
     curves = []
     for index, thruster in enumerate(vehicle.thrusters):
-        low, high = subject.commands[index]
+        low, high = limits[index]
         command = np.unique([low, 0.0, high] if thruster.curve is None else thruster.curve.command)
-        if model.effects:
+        if effects:
             command = np.union1d(command, np.linspace(command.min(), command.max(), _POINTS))
         commands = np.tile(neutral, (len(command), 1))
         commands[:, index] = command
         trial = Trial.from_commands(np.arange(len(command), dtype=np.float64), commands)
-        thrust = model.actuators.thrust(CommandSeries.from_trials(vehicle, [trial]))[:, index]
+        thrust = actuators.thrust(CommandSeries.from_trials(vehicle, [trial]))[:, index]
         kept = _corners(command, thrust)
         curves.append(
             ThrusterCurve(
@@ -108,10 +128,9 @@ class TrimShare(NamedTuple):
         return f"{self.thrust:+.3g} N ({command})"
 
 
-def constant_trim(subject: ExportInput) -> list[TrimShare]:
-    """The least change of all thrusts that cancels the constant torque of the model; empty without one."""
-    torque = subject.value("bias_torque", "torque")
-    curves = [one for one in thruster_curves(subject) if one.side and one.arm] if torque else []
+def constant_trim(thrusters: Sequence[ThrusterCurve], torque: float) -> list[TrimShare]:
+    """The least change of all thrusts that cancels a constant ``torque`` in N m; empty without one."""
+    curves = [one for one in thrusters if one.side and one.arm] if torque else []
     shares = []
     for curve in curves:
         # Least squares of the thrusts with the sum of arm times thrust equal to minus the torque.
@@ -148,14 +167,6 @@ def curve_comment(curve: ThrusterCurve) -> str:
 
 
 # ---- thrusters with a first-order lag in front of the curve, as in uuv_simulator and Stonefish
-
-
-def thruster_lag(subject: ExportInput) -> ThrusterLag:
-    """Lag that such thrusters represent."""
-    for key, values in subject.effects.items():
-        if key in {THRUST_LAG, COMMAND_LAG}:
-            return ThrusterLag(values["time_constant"], key)
-    return NO_LAG
 
 
 def thruster_inputs(curves: list[ThrusterCurve], lag: ThrusterLag) -> tuple[list[ThrusterCurve], str]:

@@ -1,10 +1,10 @@
 """The model: inertia, drag, restoring torque, effects, and the heading sensor."""
 
 import math
-from collections.abc import Hashable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Self
 
 import numpy as np
@@ -130,6 +130,12 @@ class Model:
             bound.append(BoundEffect(effect, values[:count]))
             values = values[count:]
         return tuple(bound)
+
+    def with_effects(self, keep: Callable[[Effect], bool] = lambda _: False) -> Self:
+        """The model with the effects that ``keep`` accepts; by default without any."""
+        known = {one.effect: one.parameters.tolist() for one in self.bound_effects}
+        kept = tuple(filter(keep, self.effects))
+        return replace(self, effects=kept, effect_values=tuple(chain.from_iterable(map(known.__getitem__, kept))))
 
     @cached_property
     def actuators(self) -> ActuatorModel:

@@ -139,7 +139,7 @@ def test_the_trim_stops_nine_tenths_of_the_drift_by_a_constant_torque(name: str)
         commands=np.array([[-5.0, 5.0], [-5.0, 5.0]]),
         reference={},
     )
-    shares = constant_trim(subject)
+    shares = constant_trim(subject.curves, subject.value("bias_torque", "torque"))
     arms = {one.name: one.arm for one in VEHICLE.thrusters}
     assert sum(arms[one.thruster] * one.thrust for one in shares) == pytest.approx(-torque)
     trim = {one.thruster: one.command for one in shares}
@@ -171,5 +171,5 @@ def test_a_trim_beyond_a_curve_has_no_command() -> None:
     entries = {"bias_torque.torque": Entry(value=1e4, standard_error=0.1, unit="N m", method="")}
     commands = np.array([[1100.0, 1900.0]] * 2)
     subject = ExportInput(model=model, vehicle=EVEN, entries=entries, largest_rate=0.2, commands=commands, reference={})
-    assert all(math.isnan(one.command) for one in constant_trim(subject))
-    assert constant_trim(replace(subject, model=PAPER, entries={})) == []
+    assert all(math.isnan(one.command) for one in constant_trim(subject.curves, 1e4))
+    assert constant_trim(subject.curves, 0.0) == []

@@ -22,7 +22,8 @@ from scipy.io import loadmat
 
 from rovid.core.array_types import FloatArray
 from rovid.export import FORMATS
-from rovid.export.resimulation import compare_rates
+from rovid.export.interface import export_input
+from rovid.export.resimulation import compare_motions
 from rovid.store.load import read_parameters
 from rovid.trial.config import load_config
 from rovid.trial.trial import Trial
@@ -632,6 +633,7 @@ def test_errors_end_with_code_2_and_one_message(fitted: Path, rovid: Rovid, tmp_
     assert sorted(p.name for p in tmp_path.iterdir()) == ["drag.toml", "file"]
 
 
-def test_the_mismatch_of_an_unstable_solution_is_finite() -> None:
-    mismatch = compare_rates(np.array([0.0, 0.1, 0.2]), np.array([0.0, 1e200, -1e200]))
-    assert mismatch.rms == pytest.approx(1e200 * math.sqrt(2.0 / 3.0))
+def test_the_mismatch_of_an_unstable_solution_is_finite(fitted: Path) -> None:
+    subject = export_input(read_parameters(fitted), None)
+    mismatch = compare_motions(subject, np.array([[0.0], [0.1], [0.2]]), np.array([[0.0], [1e200], [-1e200]]))
+    assert mismatch.rms["yaw_rate"] == pytest.approx(1e200 * math.sqrt(2.0 / 3.0))

@@ -22,8 +22,9 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
 from rovid.effects import effect_named
 from rovid.export import FORMATS
-from rovid.export.planar_input import PlanarInput, rovid_motion, verification_shares
-from rovid.export.run_export import VerifiedPlanarExport, select_planar_exporter, verified_planar_export
+from rovid.export.planar_input import PlanarInput
+from rovid.export.resimulation import verification_commands
+from rovid.export.run_export import VerifiedExport, load_exporter, verified_export
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.model import BASE_NAMES, SNAME, PlanarModel, RudderModel
 from rovid.trial.vehicle import Rudder, ThrustCurve, Thruster, Vehicle
@@ -81,9 +82,9 @@ def subject(*keys: str) -> PlanarInput:
     )
 
 
-def exported(name: str, *keys: str) -> VerifiedPlanarExport:
-    exporter, _ = select_planar_exporter(name, None)
-    return verified_planar_export(exporter, subject(*keys))
+def exported(name: str, *keys: str) -> VerifiedExport:
+    exporter = load_exporter(name, planar=True)
+    return verified_export(exporter, subject(*keys))
 
 
 @pytest.mark.slow
@@ -128,7 +129,7 @@ def integrate(mass: FloatArray, force: Any, seconds: float) -> FloatArray:
 
 def rovid_after(seconds: float, commands: FloatArray, given: PlanarInput) -> FloatArray:
     held = np.tile(commands, (round(10.0 * seconds) + 1, 1))
-    return np.asarray(rovid_motion(given, given.model, held)[-1, 1:])
+    return np.asarray(given.motion(given.model, held)[-1])
 
 
 COMMANDS = np.array([1.0, 0.3, -0.6])
@@ -211,13 +212,13 @@ def test_the_xacro_of_uuv_holds_the_matrices() -> None:
 
 def test_the_engine_of_mujoco_follows_the_equation_of_the_file() -> None:
     mujoco = pytest.importorskip("mujoco")
-    exporter, _ = select_planar_exporter("mujoco", None)
+    exporter = load_exporter("mujoco", planar=True)
     given = subject("bias_torque:planar", "thruster_lag")
     result = exporter(given)
     assert isinstance(result.content, str)
     engine = mujoco.MjModel.from_xml_string(result.content)
     state = mujoco.MjData(engine)
-    commands = given.commands_at(verification_shares(given))
+    commands = verification_commands(given)
     theirs = []
     for command in commands:
         turn = state.qpos[2]
@@ -229,7 +230,8 @@ def test_the_engine_of_mujoco_follows_the_equation_of_the_file() -> None:
             state.ctrl[engine.actuator(unit.curve.identifier).id] = unit.curve(command[at])
         for _ in range(50):
             mujoco.mj_step(engine, state)
-    ours = result.simulate(commands)[:, 1:]
+    assert result.simulate is not None
+    ours = result.simulate(commands)
     errors = np.max(np.abs(np.array(theirs) - ours), axis=0) / np.ptp(ours, axis=0)
     assert np.all(errors < 2e-3)
 
@@ -253,14 +255,14 @@ def test_rudders_and_azimuth_angles_are_listed_where_they_are_lost() -> None:
         model=replace(given.model, rudders=(RudderModel(name="rudder", position=(-0.7, 0.0), lift=40.0),)),
         commands=np.array([[-1.0, 1.0]] * 3 + [[-0.6, 0.6]] * 2),
     )
-    exporter, _ = select_planar_exporter("gz-sim", None)
-    made = verified_planar_export(exporter, given)
+    exporter = load_exporter("gz-sim", planar=True)
+    made = verified_export(exporter, given)
     assert [loss.what for loss in made.losses] == ["port.azimuth", "rudder"]
     assert all(max(loss.percent_of_range.values()) > 1.0 for loss in made.losses)
     assert made.kept_mismatch.largest < PROMISE
     for name in ("json", "ros2", "matlab"):
-        exporter, _ = select_planar_exporter(name, None)
-        made = verified_planar_export(exporter, given)
+        exporter = load_exporter(name, planar=True)
+        made = verified_export(exporter, given)
         assert made.losses == ()
         if name == "ros2":
             written = yaml.safe_load(made.content)["/**"]["ros__parameters"]
@@ -290,9 +292,9 @@ def test_tables_hold_every_parameter() -> None:
 def test_a_format_that_cannot_hold_the_model_is_refused() -> None:
     assert {name for name, form in FORMATS.items() if form.planar is None} == {"stonefish", "ardupilot", "px4"}
     with pytest.raises(ConfigError, match="cannot hold surge, sway and yaw together"):
-        select_planar_exporter("stonefish", None)
+        load_exporter("stonefish", planar=True)
     with pytest.raises(ConfigError, match="mujoco"):
-        select_planar_exporter("mjcf", None)
+        load_exporter("mjcf", planar=True)
 
 
 def parameter_file(folder: Path) -> Path:

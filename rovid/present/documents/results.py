@@ -1,7 +1,7 @@
 """Simulations, plans, controllers, exports, surveys, checks and trials of effects as JSON."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,8 @@ from rovid.diagnose.effect_trial import EffectGain, EffectTrial
 from rovid.diagnose.formulas.discovery import Discovery, Formula, units_of
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.estimate.isolability import IsolabilityMatrix
-from rovid.export import run_export
 from rovid.export.resimulation import Mismatch
-from rovid.export.stability import Stability
+from rovid.export.run_export import VerifiedExport
 from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
 from rovid.preflight.check import LogCheck, remark_document
 from rovid.preflight.clock_alignment import ClockOffset
@@ -170,49 +169,37 @@ def _closed_run(run: ClosedLoopResult) -> fits.Document:
     return fits.fields(run, "name", "effects", "model_aid", "effects_known") | asdict(run.metrics)
 
 
-def export_document(
-    name: str, file: str, made: run_export.VerifiedExport | run_export.VerifiedPlanarExport, guess: Assumptions
-) -> fits.Document:
+def export_document(name: str, file: str, made: VerifiedExport, guess: Assumptions) -> fits.Document:
     """The document of `rovid export --json`; percentages are of the range of a velocity in the manoeuvre."""
-    velocities = run_export.VELOCITIES if isinstance(made, run_export.VerifiedPlanarExport) else {"yaw_rate": "rad/s"}
+    verdict = made.stability
     document: fits.Document = {
         "schema": "rovid-export/1",
         "format": name,
         "file": file,
-        "mismatch": _mismatch(made.mismatch),
-        "mismatch_of_what_is_held": _mismatch(made.kept_mismatch),
-        "not_held": [fits.fields(loss, "what", "why") | _percentages(loss) for loss in made.losses],
-        "stability": _stability_document(made.stability, velocities),
+        "mismatch": _mismatch(made, made.mismatch),
+        "mismatch_of_what_is_held": _mismatch(made, made.kept_mismatch),
+        "not_held": [fits.fields(loss, "what", "why") | _percentages(loss.percent_of_range) for loss in made.losses],
+        "stability": {
+            **fits.fields(verdict, "stable", "step", "largest_stable_step", time_to_rest="rest_time"),
+            "from": dict(zip(made.velocities, verdict.envelope[-len(made.velocities) :], strict=True)),
+            "text": verdict.text,
+        },
         **fits.guess_document(guess),
         "warnings": fits.all_warnings(guess, made.warnings),
     }
-    if isinstance(made, run_export.VerifiedPlanarExport):
+    if made.is_planar:
         return document | {"axes": PLANAR.name}
     return document | {"trim": [one._asdict() for one in made.trim]}
 
 
-def _stability_document(verdict: Stability, velocities: Collection[str]) -> fits.Document:
-    """The verdict on an exported model; its largest speeds by the names of the last ``velocities``."""
-    return {
-        **fits.fields(verdict, "stable", "step", "largest_stable_step"),
-        "time_to_rest": verdict.rest_time,
-        "from": dict(zip(velocities, verdict.envelope[-len(velocities) :], strict=True)),
-        "text": verdict.text,
-    }
+def _mismatch(made: VerifiedExport, mismatch: Mismatch) -> fits.Document:
+    percent = _percentages(mismatch.percent_of_range)
+    if made.is_planar:
+        return {**percent, "rms": dict(mismatch.rms), "unit": dict(made.velocities)}
+    return {"rms": mismatch.rms["yaw_rate"], **percent, "unit": made.velocities["yaw_rate"]}
 
 
-def _mismatch(mismatch: Mismatch | run_export.PlanarMismatch) -> fits.Document:
-    if isinstance(mismatch, Mismatch):
-        return {"rms": mismatch.rms, **_percentages(mismatch), "unit": "rad/s"}
-    return {**_percentages(mismatch), "rms": dict(mismatch.rms), "unit": dict(run_export.VELOCITIES)}
-
-
-def _percentages(
-    difference: Mismatch | run_export.PlanarMismatch | run_export.ExportLoss | run_export.PlanarLoss,
-) -> fits.Document:
-    percent = difference.percent_of_range
-    if not isinstance(percent, Mapping):
-        percent = {"yaw_rate": percent}
+def _percentages(percent: Mapping[str, float]) -> fits.Document:
     return {f"{name}_percent_of_range": value for name, value in percent.items()}
 
 

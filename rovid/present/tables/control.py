@@ -123,13 +123,15 @@ def formats_table(exports: Mapping[str, VerifiedExport]) -> ResultTable:
         text_column("not held, % of range"),
     )
     for name, made in exports.items():
-        lost = [f"{loss_title(loss.what)} {format_number(loss.percent_of_range, '.2g')}" for loss in made.losses]
+        lost = [
+            f"{loss_title(loss.what)} {format_number(loss.percent_of_range['yaw_rate'], '.2g')}" for loss in made.losses
+        ]
         table.add_row(
             name,
             FORMATS[name].file,
-            format_number(made.mismatch.percent_of_range, ".2g"),
-            format_number(made.mismatch.rms, ".2g"),
-            format_number(made.kept_mismatch.percent_of_range, ".2g"),
+            format_number(made.mismatch.percent_of_range["yaw_rate"], ".2g"),
+            format_number(made.mismatch.rms["yaw_rate"], ".2g"),
+            format_number(made.kept_mismatch.percent_of_range["yaw_rate"], ".2g"),
             "; ".join(lost) or DASH,
         )
     return table

@@ -9,12 +9,11 @@ from rich.console import Console
 from rovid.compare.planar import PlanarComparison
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.result import UNIDENTIFIABLE
-from rovid.export.run_export import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
-from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_faults, show_warnings
+from rovid.present.console import print_labelled, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import DASH, format_number, sensor_words, unit_symbol
 from rovid.present.sentences import effect_title, evidence_definitions, improvement_words, join_words, next_step
@@ -22,7 +21,7 @@ from rovid.present.tables.fits import estimate_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.present.tables.trials import planar_simulation_table
 from rovid.present.terminal.diagnosis import show_finding, show_other_faults, show_verdict
-from rovid.present.terminal.results import show_plan, show_stability
+from rovid.present.terminal.results import show_plan
 from rovid.store.planar_study import PlanarStudy
 from rovid.trial.assumptions import Assumptions
 
@@ -220,29 +219,6 @@ def planar_held_out_table(
 
 def _degrees(angle: float | None) -> float | None:
     return None if angle is None else math.degrees(angle)
-
-
-def show_planar_export(console: Console, path: Path, made: VerifiedPlanarExport) -> None:
-    """Print the differences between the target's equation and the model, what the target lacks, and its stability."""
-    print_path(console, str(path))
-    print_text(console, f"re-simulated with the target's equation: {_differences(made.mismatch)}")
-    if made.losses:
-        print_text(console, f"without the parts that the target lacks: {_differences(made.kept_mismatch)}")
-    for loss in made.losses:
-        name, largest = max(loss.percent_of_range.items(), key=lambda item: item[1])
-        size = f"{format_number(largest, 2)} % of the range of the {name.replace('_', ' ')}"
-        print_labelled(console, "Not held:", f"{loss.what}, {size}: {loss.why}.", "red")
-    show_stability(console, made.stability)
-    show_warnings(console, made.warnings)
-
-
-def _differences(mismatch: PlanarMismatch) -> str:
-    parts = [
-        f"{name.replace('_', ' ')} off by {format_number(mismatch.percent_of_range[name], 2)} % of its range, "
-        f"{format_number(mismatch.rms[name], 2)} {unit} rms"
-        for name, unit in VELOCITIES.items()
-    ]
-    return "; ".join(parts)
 
 
 def show_planar_comparison(console: Console, comparison: PlanarComparison, warnings: Sequence[str]) -> None:

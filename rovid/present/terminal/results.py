@@ -16,8 +16,8 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.oscillation_tests import FreeDecay, Quantity, analyse_free_decay
 from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.thrust_curve import ThrustCurveFit, ThrustScale
+from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import VerifiedExport
-from rovid.export.stability import Stability
 from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
 from rovid.present.console import (
@@ -266,31 +266,30 @@ def _pair_words(pairs: Sequence[PairSeparation]) -> str:
 
 
 def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
-    """Print the difference between the target's equation and the model, and the parts that the target lacks."""
+    """Print how the target's equation differs from the model, what the target lacks, and its stability."""
 
-    def difference(percent: float, rms: float) -> str:
-        return f"{format_number(percent, 2)} % of its range, {format_number(rms, 2)} rad/s rms"
+    def differences(mismatch: Mismatch) -> str:
+        parts = []
+        for name, unit in made.velocities.items():
+            percent, rms = (format_number(each[name], 2) for each in (mismatch.percent_of_range, mismatch.rms))
+            parts.append(f"{name.replace('_', ' ')} off by {percent} % of its range, {rms} {unit} rms")
+        return "; ".join(parts)
 
-    size = difference(made.mismatch.percent_of_range, made.mismatch.rms)
-    holds_model = not math.isnan(made.mismatch.rms)
+    holds_model = not math.isnan(made.mismatch.rms["yaw_rate"])
     print_path(console, str(path))
-    if not holds_model:
-        print_text(console, "Written. The file holds no model of the vehicle to re-simulate.")
+    if holds_model:
+        print_text(console, f"Written, and re-simulated with the target's equation: {differences(made.mismatch)}")
     else:
-        print_text(console, f"Written, and re-simulated with the target's equation: yaw rate off by {size}")
-    if made.losses and not math.isnan(made.kept_mismatch.rms):
-        size = difference(made.kept_mismatch.percent_of_range, made.kept_mismatch.rms)
-        print_text(console, f"without the parts that the target lacks: {size}")
+        print_text(console, "Written. The file holds no model of the vehicle to re-simulate.")
+    if made.losses and holds_model:
+        print_text(console, f"without the parts that the target lacks: {differences(made.kept_mismatch)}")
     for loss in made.losses:
-        share = f", {format_number(loss.percent_of_range, 2)} % of range" if holds_model else ""
+        name, largest = max(loss.percent_of_range.items(), key=lambda item: item[1])
+        share = f", {format_number(largest, 2)} % of the range of the {name.replace('_', ' ')}" if holds_model else ""
         print_labelled(console, "Not held:", f"{loss_title(loss.what)}{share}: {loss.why}.", "red")
-    show_stability(console, made.stability, "Stability:" if holds_model else "Vehicle without control:")
-    show_warnings(console, made.warnings)
-
-
-def show_stability(console: Console, verdict: Stability, label: str = "Stability:") -> None:
-    """Print whether an exported model comes to rest at the simulator's step."""
+    label, verdict = "Stability:" if holds_model else "Vehicle without control:", made.stability
     print_labelled(console, label, verdict.text, "green" if verdict.stable else "red")
+    show_warnings(console, made.warnings)
 
 
 def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) -> None:

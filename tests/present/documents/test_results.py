@@ -69,9 +69,20 @@ AT_REST = Stability(
 
 
 def test_what_a_format_does_not_hold_has_its_size() -> None:
-    far, near = Mismatch(percent_of_range=5.0, rms=0.01), Mismatch(percent_of_range=0.01, rms=1e-5)
-    loss = ExportLoss(what="wave_torque", why="random", percent_of_range=math.nan)
-    made = VerifiedExport(content="", mismatch=far, kept_mismatch=near, losses=(loss,), stability=AT_REST, warnings=())
+    far, near = (
+        Mismatch(percent_of_range={"yaw_rate": 5.0}, rms={"yaw_rate": 0.01}),
+        Mismatch(percent_of_range={"yaw_rate": 0.01}, rms={"yaw_rate": 1e-5}),
+    )
+    loss = ExportLoss(what="wave_torque", why="random", percent_of_range={"yaw_rate": math.nan})
+    made = VerifiedExport(
+        content="",
+        mismatch=far,
+        kept_mismatch=near,
+        losses=(loss,),
+        stability=AT_REST,
+        warnings=(),
+        velocities={"yaw_rate": "rad/s"},
+    )
     document = export_document("gz-sim", "a.sdf", made, Assumptions())
     assert document["mismatch"] == {"yaw_rate_percent_of_range": 5.0, "rms": 0.01, "unit": "rad/s"}
     assert document["mismatch_of_what_is_held"]["rms"] == 1e-5

@@ -201,12 +201,18 @@ AT_REST = Stability(
 
 
 def test_each_reason_is_given_once() -> None:
-    size = Mismatch(percent_of_range=7.6, rms=0.01)
-    lag = ExportLoss(what="thruster_lag:rotor", why="there is none", percent_of_range=7.6)
-    wave = ExportLoss(what="wave_torque", why="its phase is not known", percent_of_range=math.nan)
+    size = Mismatch(percent_of_range={"yaw_rate": 7.6}, rms={"yaw_rate": 0.01})
+    lag = ExportLoss(what="thruster_lag:rotor", why="there is none", percent_of_range={"yaw_rate": 7.6})
+    wave = ExportLoss(what="wave_torque", why="its phase is not known", percent_of_range={"yaw_rate": math.nan})
     made = {
         name: VerifiedExport(
-            content="", mismatch=size, kept_mismatch=size, losses=losses, stability=AT_REST, warnings=()
+            content="",
+            mismatch=size,
+            kept_mismatch=size,
+            losses=losses,
+            stability=AT_REST,
+            warnings=(),
+            velocities={"yaw_rate": "rad/s"},
         )
         for name, losses in {"gz-sim": (lag, wave), "vrx": (lag,), "json": ()}.items()
     }
