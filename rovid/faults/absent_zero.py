@@ -4,15 +4,13 @@ Such a field comes and goes, and is never zero where it is present. If the value
 never stop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray
-from rovid.faults.base import CommandData, Detection, FaultKind
+from rovid.faults.base import CommandData, Detection, Detectors
 from rovid.trial.fault import Fault
 
 # Smallest median length of the runs of messages with the field; fields at a lower rate than the topic are alone.
@@ -56,10 +54,4 @@ def _is_zero(data: CommandData, absent: BoolArray) -> bool:
     return bool(np.mean(losses) <= _MAX_LOSSES)
 
 
-FAULT = FaultKind(
-    id="absent_zero",
-    title="A field left out where it is zero",
-    stage="command",
-    detect=_detect,
-    false_alarms="none where the field is always present; a field lost at random is absent between equal values.",
-)
+DETECTORS: Detectors = {"command": (_detect,)}

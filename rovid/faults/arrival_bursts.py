@@ -5,8 +5,6 @@ length over equal times come from a regular sensor: its interval is the time fro
 readings. The last reading of a pack keeps its stamp; the others are spread back to the pack before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -14,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.faults.base import ClockData, Detection, FaultKind
+from rovid.faults.base import ClockData, Detection, Detectors
 from rovid.trial.fault import Fault
 
 # Readings of a usual pack; packs in a log; readings of the log that are in packs of that size.
@@ -104,10 +102,4 @@ def _spread(data: ClockData, lasts: IntArray, usual: float) -> ClockData:
     return replace(data, time=ends[pack] - (lasts[pack] - rows) * intervals[pack])
 
 
-FAULT = FaultKind(
-    id="arrival_bursts",
-    title="Arrival bursts",
-    stage="clock",
-    detect=_detect,
-    false_alarms="none on regular sensors: intervals under a fifth of the mean do not follow each other by chance.",
-)
+DETECTORS: Detectors = {"clock": (_detect,)}

@@ -1,4 +1,4 @@
-"""A kind of fault: detector, remedy, and the data that detectors examine at each stage of reading.
+"""Detections of faults, their remedies, and the data that detectors examine at each stage of reading.
 
 The stages, in order: ``clock`` (the readings of one clock, as logged), ``clocks`` (the stamps of a log's several
 clocks), ``signal`` (one measured signal), ``command`` (one command), ``trial`` (one log on one time base), ``campaign``
@@ -160,26 +160,21 @@ class Detection(Generic[T]):
     repair: Callable[[T], T] = lambda data: data  #: Applies the remedy.
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FaultKind:
-    """One kind of fault, the unit of growth: one file, its id in `FAULT_IDS`, one page of the documentation."""
-
-    id: str  #: Stable name, as in the JSON documents.
-    title: str
-    stage: Stage
-    detect: Callable[[Any], Iterable[Detection[Any]]]  #: From the data of the stage to the detections.
-    false_alarms: str  #: Rate at which undamaged logs show this fault, and its origin.
+# From the data of a stage to what was found.
+Detector = Callable[[Any], Iterable[Detection[Any]]]
+# Detectors of one kind of fault by stage, in the order in which they look.
+Detectors = Mapping[Stage, tuple[Detector, ...]]
 
 
-def examine(kinds: Iterable[FaultKind], data: T, overrides: FaultOverrides) -> tuple[T, tuple[Fault, ...]]:
-    """``data`` after all remedies of these ``kinds``, in their order, and the faults that were found.
+def examine(detectors: Iterable[Detector], data: T, overrides: FaultOverrides) -> tuple[T, tuple[Fault, ...]]:
+    """``data`` after all remedies of what the ``detectors`` find, in their order, and the faults.
 
     A fault that the user keeps is listed with the remedy "none" and stops nothing.
     """
     faults: list[Fault] = []
     examined = data  # as logged
-    for kind in kinds:
-        for detection in tuple(kind.detect(data)):
+    for detect in detectors:
+        for detection in tuple(detect(data)):
             fault = detection.fault
             if not overrides.keep(fault):
                 data = detection.repair(data)

@@ -6,8 +6,6 @@ had passed. Test: lines through the heading before and after the gap meet, and s
 the log that lie as far apart in time and move as fast. A leap of hours is a step without this test.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -15,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.faults.base import ClockData, ClockStep, Detection, FaultKind
+from rovid.faults.base import ClockData, ClockStep, Detection, Detectors
 from rovid.trial.fault import Fault
 from rovid.trial.segments import find_leap
 
@@ -209,10 +207,4 @@ def _without(data: ClockData, step: ClockStep) -> ClockData:
     return replace(data, time=time, cuts=(*data.cuts, cut), steps=steps)
 
 
-FAULT = FaultKind(
-    id="clock_step",
-    title="Steps of the clock",
-    stage="clock",
-    detect=_detect,
-    false_alarms="none for steps back; of the logs with gaps, 1 in 100 shows a step ahead where time passed.",
-)
+DETECTORS: Detectors = {"clock": (_detect,)}

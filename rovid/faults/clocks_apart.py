@@ -12,8 +12,6 @@ The delay of a heading after a logged rate follows from the same regression, of 
 navigation filter delays its heading; a fit would take that for a delay of the commands or a lag of the thrusters.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +21,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
-from rovid.faults.base import Detection, FaultKind, RunsData, named
+from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.quick_model import log_name
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
@@ -355,19 +353,4 @@ def _shortest(runs: Sequence[Run]) -> float:
     return max(least, _INTERVALS * interval, interval + min(steps, default=interval))
 
 
-FAULT = FaultKind(
-    id="clocks_apart",
-    title="Clocks with an offset",
-    stage="runs",
-    detect=_detect,
-    false_alarms="none in 60 campaigns: no undamaged log moves two sampling intervals before its commands.",
-)
-FURTHER = (
-    FaultKind(
-        id="clocks_apart",
-        title="A heading that is late against the logged rate",
-        stage="runs",
-        detect=_detect_sensor,
-        false_alarms="none: readings of one row are not two sampling intervals apart.",
-    ),
-)
+DETECTORS: Detectors = {"runs": (_detect, _detect_sensor)}

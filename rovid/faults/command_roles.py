@@ -6,8 +6,6 @@ is accepted if its residual is about as small as those of the other logs, and li
 than another inertia and drag in this log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -94,7 +92,7 @@ def misassigned(runs: Sequence[Run], vehicle: Vehicle) -> Misfit | None:
     return max(found, key=lambda pair: pair[0])[1] if found else None
 
 
-def _predictions(logs: Sequence[LogRegressors], agree: BoolArray) -> list[_Prediction]:
+def _predictions(logs: Sequence[LogRegressors], agree: BoolArray) -> list["_Prediction"]:
     """Each log by the model of the others that ``agree``, in which a log far from the rest counts less."""
     total = np.concatenate([log.torque for log in logs])
     shares = total @ np.concatenate([log.single for log in logs]) / (total @ total)

@@ -6,8 +6,6 @@ hidden causes do to logs of another amplitude, pace or thruster. Two payloads ar
 deviations far better than one level with scatter, and than a trend with amplitude, rate, pace, shape or time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,7 +14,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
-from rovid.faults.base import Detection, FaultKind, RunsData, named
+from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.command_roles import Misfit, misassigned
 from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
 from rovid.trial.fault import Fault
@@ -251,10 +249,4 @@ def _mean(d: FloatArray, variances: FloatArray) -> tuple[float, float]:
     return float((w * d).sum() / w.sum()), float(w.sum() ** -0.5)
 
 
-FAULT = FaultKind(
-    id="foreign_log",
-    title="A log of another vehicle or payload",
-    stage="runs",
-    detect=_detect,
-    false_alarms="1 in 1000 campaigns whose logs scatter normally; 1 in 200 for groups, where the scatter is large.",
-)
+DETECTORS: Detectors = {"runs": (_detect,)}

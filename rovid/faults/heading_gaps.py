@@ -1,12 +1,10 @@
 """Gaps of the measured signal: intervals between readings that are much longer than usual. Nothing is interpolated."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 
-from rovid.faults.base import Detection, FaultKind, SignalData
+from rovid.faults.base import Detection, Detectors, SignalData
 from rovid.trial.fault import Fault
 from rovid.trial.segments import gap_limit
 
@@ -35,10 +33,4 @@ def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:
     yield Detection(fault=fault, done="Gaps were not filled.")
 
 
-FAULT = FaultKind(
-    id="heading_gaps",
-    title="A heading that is absent in bursts",
-    stage="signal",
-    detect=_detect,
-    false_alarms="none: an interval of five medians and half a second is a gap by definition.",
-)
+DETECTORS: Detectors = {"signal": (_detect,)}

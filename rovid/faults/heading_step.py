@@ -5,16 +5,15 @@ between two readings steps by no more than it does afterwards. A fast vehicle th
 does so at other places of the log, too: a jump is several times larger than all other steps of this kind.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.faults.base import Detection, FaultKind, TrialData
+from rovid.faults.base import Detection, Detectors, TrialData
 from rovid.trial.fault import Fault
 from rovid.trial.segments import subsampled_median
 from rovid.trial.trial import Trial
@@ -53,7 +52,7 @@ class _Steps:
     commands: FloatArray  #: (n, k) at the readings.
 
     @classmethod
-    def of(cls, trial: Trial) -> _Steps:
+    def of(cls, trial: Trial) -> Self:
         rows = np.flatnonzero(trial.measured)
         return cls(time=trial.time[rows], angle=trial.position[rows], commands=trial.commands[rows])
 
@@ -193,10 +192,4 @@ def _size(steps: _Steps, at: int, noise: float) -> tuple[float, float]:
     return size - 2.0 * np.pi * round(size / (2.0 * np.pi)), noise * float(np.sqrt(8.0 / (_REACH + 1)))
 
 
-FAULT = FaultKind(
-    id="heading_step",
-    title="A heading that jumps and stays",
-    stage="trial",
-    detect=_detect,
-    false_alarms="below one in 10^6 logs for noise; a vehicle must turn and stop between two readings once only.",
-)
+DETECTORS: Detectors = {"trial": (_detect,)}

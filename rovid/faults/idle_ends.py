@@ -4,12 +4,10 @@ The stretch without thrust at an end of a log is idle from the instant at which 
 coast-down is a test. It is idle as well from the instant at which the vehicle is moved without a command.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 
-from rovid.faults.base import Detection, FaultKind, RunsData
+from rovid.faults.base import Detection, Detectors, RunsData
 from rovid.faults.quick_model import log_name
 from rovid.faults.several_releases import FreeStretch, cut_out, free_motion, log_starts
 from rovid.trial.fault import Fault
@@ -64,11 +62,4 @@ def _is_idle(stretch: FreeStretch, interval: tuple[float, float], duration: floa
     return bool(stretch.hand) or seconds > max(_LONG_RESTS * stretch.kept, _SHARE * duration, _SHARE_OF_ALL * total)
 
 
-FAULT = FaultKind(
-    id="idle_ends",
-    title="Rest or handling at an end of a log",
-    stage="runs",
-    detect=_detect,
-    false_alarms="rest beyond 7.5 time constants, 25 periods of the cut-off, a quarter of the log and 4 % of all logs "
-    "is no test; handling as in several_releases.",
-)
+DETECTORS: Detectors = {"runs": (_detect,)}

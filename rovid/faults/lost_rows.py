@@ -5,8 +5,6 @@ hole is not known. Irregular clocks leave the grid; clocks that skip every secon
 random; topics published on change never repeat a value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -15,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.faults.base import ClockData, ClocksData, Detection, FaultKind, Intervals
+from rovid.faults.base import ClockData, ClocksData, Detection, Detectors, Intervals
 from rovid.trial.fault import Fault
 from rovid.trial.segments import subsampled_median
 
@@ -186,27 +184,4 @@ def _unknown(data: _Stamps, intervals: Intervals) -> _Stamps:
     return replace(data, unknown=(*data.unknown, *intervals))
 
 
-FAULT = FaultKind(
-    id="lost_rows",
-    title="Lost rows",
-    stage="clock",
-    detect=_detect,
-    false_alarms="1 in 1000 of the logs that lose 3 % of their rows singly; none of regular or irregular clocks.",
-)
-
-FURTHER = (
-    FaultKind(
-        id="lost_rows",
-        title="Pauses of the recording",
-        stage="clock",
-        detect=_pauses,
-        false_alarms="none: twenty usual intervals without a row are a pause by definition.",
-    ),
-    FaultKind(
-        id="lost_rows",
-        title="Pauses of the recording of several topics",
-        stage="clocks",
-        detect=_common_pauses,
-        false_alarms="none: regular commands and the motion are not silent together by chance.",
-    ),
-)
+DETECTORS: Detectors = {"clock": (_detect, _pauses), "clocks": (_common_pauses,)}

@@ -12,8 +12,6 @@ one. A log in which this ratio is near zero in every hold does not respond, what
 to zero and returns during one hold is a supply that was interrupted: a wall, a tether or the wind does not let go.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -22,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import Detection, FaultKind, RunsData
+from rovid.faults.base import Detection, Detectors, RunsData
 from rovid.faults.foreign_log import without
 from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, held_torque, log_name
 from rovid.trial.fault import Fault
@@ -226,10 +224,4 @@ def _rms(values: Sequence[float] | FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-FAULT = FaultKind(
-    id="no_response",
-    title="Thrust and no motion",
-    stage="runs",
-    detect=_detect,
-    false_alarms="none: a vehicle that moves has not 20 times the inertia or the drag of its other logs.",
-)
+DETECTORS: Detectors = {"runs": (_detect,)}

@@ -7,8 +7,6 @@ time constant. A log that deviates from the others counts less (Huber's weights)
 does not move the model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -81,7 +79,7 @@ class QuickModel:
     values: FloatArray  #: (3,) inertia, quadratic drag, linear drag.
     time_constant: float  #: s
     logs: tuple[LogMoments, ...]
-    regressors: tuple[LogRegressors, ...]
+    regressors: tuple["LogRegressors", ...]
 
     @property
     def inertia(self) -> float:

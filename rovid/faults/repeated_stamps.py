@@ -5,8 +5,6 @@ next stamp fill the time at the usual interval, the sensor is regular: they are 
 twice instead leaves no time: its copy is left out, as elsewhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -14,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.faults.base import ClockData, Detection, FaultKind
+from rovid.faults.base import ClockData, Detection, Detectors
 from rovid.trial.fault import Fault
 
 # Repeated stamps, below which the damage does not matter.
@@ -121,10 +119,4 @@ def _spread(data: ClockData, firsts: IntArray, usual: float, fills: BoolArray) -
     return replace(data, time=begins[group] + (rows - firsts[group]) * intervals[group])
 
 
-FAULT = FaultKind(
-    id="repeated_stamps",
-    title="Repeated time stamps",
-    stage="clock",
-    detect=_detect,
-    false_alarms="none: regular clocks of sufficient resolution repeat no stamp and leave none out.",
-)
+DETECTORS: Detectors = {"clock": (_detect,)}

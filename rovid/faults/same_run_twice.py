@@ -11,8 +11,6 @@ In two runs the disturbances differ, and the positions drift apart.
 Parts of one run that overlap in two recordings are found by their common noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
@@ -20,7 +18,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import CampaignData, Detection, FaultKind, RunsData
+from rovid.faults.base import CampaignData, Detection, Detectors, RunsData
 from rovid.faults.quick_model import QuickModel, fit_quick_model
 from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
@@ -376,19 +374,4 @@ def _unexplained(run: Run, model: QuickModel) -> FloatArray:
     return np.asarray(run.filtered_torque - known)
 
 
-FAULT = FaultKind(
-    id="same_run_twice",
-    title="One run in two logs",
-    stage="campaign",
-    detect=_detect,
-    false_alarms="none: independent noise makes the difference of two runs 1.41 times as large as that of two copies.",
-)
-FURTHER = (
-    FaultKind(
-        id="same_run_twice",
-        title="One run by two sensors",
-        stage="runs",
-        detect=_detect_sensor,
-        false_alarms="none: the disturbances of two runs let their positions drift apart by many times the noise.",
-    ),
-)
+DETECTORS: Detectors = {"campaign": (_detect,), "runs": (_detect_sensor,)}

@@ -4,8 +4,6 @@ A sensor with noise does not repeat a value for long, at rest neither. A bound i
 the log, and is reached again and again. A sensor that was frozen repeats any value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -13,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from rovid.core.array_types import BoolArray
-from rovid.faults.base import Detection, FaultKind, SignalData
+from rovid.faults.base import Detection, Detectors, SignalData
 from rovid.trial.fault import Fault
 
 # Readings at the bound, and their share of the log.
@@ -82,10 +80,4 @@ def _is_bound(data: SignalData, clipped: BoolArray) -> bool:
     return after < len(clipped) and bool(abs(steps[after - 1]) < _JUMP * typical)
 
 
-FAULT = FaultKind(
-    id="saturated_sensor",
-    title="Readings clipped at a bound",
-    stage="signal",
-    detect=_detect,
-    false_alarms="below 1e-5: four equal readings at the extreme of a log in which one in twenty repeats.",
-)
+DETECTORS: Detectors = {"signal": (_detect,)}

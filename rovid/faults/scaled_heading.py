@@ -3,14 +3,12 @@
 Radians for degrees and the reverse are refused by `rovid.readers.unit_checks`, which names the unit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 
 from rovid.core.formatting import plus_minus
-from rovid.faults.base import Detection, FaultKind, RunsData, SignalData, named
+from rovid.faults.base import Detection, Detectors, RunsData, SignalData, named
 from rovid.faults.quick_model import log_name
 from rovid.trial.fault import Fault
 
@@ -110,19 +108,4 @@ def _detect_rate(data: RunsData) -> Iterator[Detection[RunsData]]:
     yield Detection(fault=fault)
 
 
-FAULT = FaultKind(
-    id="scaled_heading",
-    title="A heading or rate of another scale",
-    stage="signal",
-    detect=_detect,
-    false_alarms="none: an undamaged heading has no repeated steps of one size other than a turn.",
-)
-FURTHER = (
-    FaultKind(
-        id="scaled_heading",
-        title="A heading or rate of another scale",
-        stage="runs",
-        detect=_detect_rate,
-        false_alarms="none: gyros are right within 5 % of their scale.",
-    ),
-)
+DETECTORS: Detectors = {"signal": (_detect,), "runs": (_detect_rate,)}

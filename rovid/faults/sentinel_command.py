@@ -6,15 +6,13 @@ command, and the vehicle slows down or rests wherever all commands are NaN. Wher
 pulse, something drives it: the command is unknown.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.faults.base import CommandData, Detection, FaultKind
+from rovid.faults.base import CommandData, Detection, Detectors
 from rovid.trial.fault import Fault
 from rovid.trial.segments import subsampled_median
 from rovid.trial.vehicle import FAR_OUTSIDE, ThrustCurve
@@ -173,10 +171,4 @@ def _within(marked: BoolArray, stretches: list[slice]) -> BoolArray:
     return within & marked
 
 
-FAULT = FaultKind(
-    id="sentinel_command",
-    title="Values that mean no command",
-    stage="command",
-    detect=_detect,
-    false_alarms="none: commands of the curve's unit are not 1.5 half widths away from its middle.",
-)
+DETECTORS: Detectors = {"command": (_detect,)}

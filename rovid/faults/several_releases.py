@@ -10,8 +10,6 @@ tau it makes the rate e_tau tau / I. Disturbances and errors of the model do tha
 is the median over the logs of the largest e_tau there. A hand exceeds this level by far, and the rate grows.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +19,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import DataError
-from rovid.faults.base import Detection, FaultKind, RunsData, TrialData
+from rovid.faults.base import Detection, Detectors, RunsData, TrialData
 from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, log_name
 from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
@@ -224,19 +222,4 @@ def _instants(at: tuple[float, ...] | list[float]) -> str:
     return ", ".join(f"{instant:.1f}" for instant in at)
 
 
-FAULT = FaultKind(
-    id="several_releases",
-    title="Several releases in one log",
-    stage="trial",
-    detect=_detect_decays,
-    false_alarms="none: a decay does not grow again to a multiple of its last swings.",
-)
-FURTHER = (
-    FaultKind(
-        id="several_releases",
-        title="Several tests in one log, with a hand that moves the vehicle between them",
-        stage="runs",
-        detect=_detect_hands,
-        false_alarms="below one in 10^6 logs for Gaussian disturbances, and none in 60 undamaged campaigns.",
-    ),
-)
+DETECTORS: Detectors = {"trial": (_detect_decays,), "runs": (_detect_hands,)}

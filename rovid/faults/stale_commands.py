@@ -5,15 +5,13 @@ are published only on change are silent while they stay the same; that is no fau
 intervals, which are irregular, and by their values, which never repeat.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import CommandData, Detection, FaultKind
+from rovid.faults.base import CommandData, Detection, Detectors
 from rovid.trial.fault import Fault
 from rovid.trial.segments import subsampled_median
 
@@ -95,10 +93,4 @@ def _neutral(data: CommandData) -> float:
     return data.thruster.curve.neutral
 
 
-FAULT = FaultKind(
-    id="stale_commands",
-    title="Commands that end before the log, or fall silent",
-    stage="command",
-    detect=_detect,
-    false_alarms="none for regular commands: ten intervals in succession are not lost by chance.",
-)
+DETECTORS: Detectors = {"command": (_detect,)}

@@ -5,8 +5,6 @@ If the commands use a small part of the curve, and look like another unit, they 
 inertia is possible then, the commands and the curve are of different units.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -15,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import Detection, FaultKind, RunsData, named
+from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.foreign_log import significant_groups
 from rovid.faults.quick_model import fit_quick_model, solved
 from rovid.faults.unit_mismatch import mismatch_text, unit_of
@@ -188,10 +186,4 @@ def _too_large(inertia: float, vehicle: Vehicle, reference: float, others: Seque
     return Fault(fault=fault, logs=(), text=text, size=_DEGREES if is_scaled else ratio, stops=True)
 
 
-FAULT = FaultKind(
-    id="thrust_unit",
-    title="An inertia that no vehicle has",
-    stage="runs",
-    detect=_detect,
-    false_alarms="none without a wrong mass or size: no log in 60 campaigns with hidden causes is below 1.2.",
-)
+DETECTORS: Detectors = {"runs": (_detect,)}

@@ -3,15 +3,13 @@
 Each change of the source is a step by the offset, up and down in turn. Noise and motion step twice in one direction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.faults.base import Detection, FaultKind, SignalData
+from rovid.faults.base import Detection, Detectors, SignalData
 from rovid.trial.fault import Fault
 
 _MIN_READINGS, _MIN_CHANGES = 60, 20
@@ -96,10 +94,4 @@ def _resolution(values: FloatArray) -> float:
     return float(differences[differences > _SMALLEST].min(initial=np.inf))
 
 
-FAULT = FaultKind(
-    id="two_sources",
-    title="Two sources in one signal",
-    stage="signal",
-    detect=_detect,
-    false_alarms="below 1e-6: at least twenty steps of one size that change their sign in 97 % of the cases.",
-)
+DETECTORS: Detectors = {"signal": (_detect,)}

@@ -5,15 +5,13 @@ by some tens of percent, but not 1.5 half widths of the curve for a tenth of its
 whole campaign with less than a fiftieth of the curve: the thrust, about the square of it, would be nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import groupby
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import CampaignData, Detection, FaultKind, named
+from rovid.faults.base import CampaignData, Detection, Detectors, named
 from rovid.trial.fault import Fault
 from rovid.trial.vehicle import FAR_OUTSIDE, ThrustCurve, Thruster
 
@@ -105,10 +103,4 @@ def _full(unit: str) -> float:
     return _UNITS[unit][2]
 
 
-FAULT = FaultKind(
-    id="unit_mismatch",
-    title="Commands and curve of different units",
-    stage="campaign",
-    detect=_detect,
-    false_alarms="none for commands within 1.5 half widths of the curve that use more than a fiftieth of it.",
-)
+DETECTORS: Detectors = {"campaign": (_detect,)}

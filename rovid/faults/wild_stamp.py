@@ -4,14 +4,12 @@ A stamp is wild where dropping it leaves the rest in order, at the usual interva
 set (stamps of 0, 1970 or 2000) precede a leap of hours, and are wild if they are few.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.faults.base import ClockData, Detection, FaultKind
+from rovid.faults.base import ClockData, Detection, Detectors
 from rovid.trial.fault import Fault
 from rovid.trial.segments import find_leap
 
@@ -109,10 +107,4 @@ def _leaves_order(time: FloatArray, run: slice, interval: float) -> bool:
     return bool(across >= 0.0 and (_LEAST * usual <= across <= _MOST * usual or excursion > _VERY_FAR * usual))
 
 
-FAULT = FaultKind(
-    id="wild_stamp",
-    title="Wild time stamps",
-    stage="clock",
-    detect=_detect,
-    false_alarms="none on clocks that run forward: every wild stamp breaks the order or precedes a leap of hours.",
-)
+DETECTORS: Detectors = {"clock": (_detect,)}

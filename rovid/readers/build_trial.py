@@ -32,7 +32,7 @@ from rovid.faults.base import (
     faults_of_all,
     resolve,
 )
-from rovid.faults.catalogue import fault_kinds
+from rovid.faults.catalogue import detectors_at
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
 from rovid.readers.time_base import TimeBase, TimedSeries, cumulative, integral, local_position, planar_readings
@@ -82,7 +82,7 @@ class _Builder:
 
     def examined(self, stage: Stage, data: _Data) -> _Data:
         """``data`` of this ``stage`` with the remedies of its faults."""
-        data, faults = examine(fault_kinds(stage), data, self.config.faults)
+        data, faults = examine(detectors_at(stage), data, self.config.faults)
         # A step that several clocks of one host share is one fault.
         self.faults += [fault for fault in faults if fault not in self.faults]
         return data
@@ -296,7 +296,7 @@ class _Builder:
         commands = []
         for at, (name, data) in enumerate(zip(names, logged, strict=True)):
             others = (*logged[:at], *logged[at + 1 :])
-            fixed, faults = examine(fault_kinds("command"), replace(data, others=others), self.config.faults)
+            fixed, faults = examine(detectors_at("command"), replace(data, others=others), self.config.faults)
             found.append((data.name, faults))
             self.unknown += fixed.unknown
             commands.append(self.known_command(name, series[name], fixed))

@@ -15,7 +15,7 @@ from rovid.core.input_files import file_parts, list_files, require_exists
 from rovid.core.output_files import PLAN
 from rovid.core.spmd import ForkedCall
 from rovid.faults.base import CampaignData, examine
-from rovid.faults.catalogue import fault_kinds
+from rovid.faults.catalogue import detectors_at
 from rovid.readers.formats import READERS, read_log, trial_files
 from rovid.trial.axis import Axis
 from rovid.trial.config import Config, find_config, load_config
@@ -286,7 +286,7 @@ def examine_campaign(trials: Sequence[Trial], config: Config) -> tuple[Sequence[
         # Where such a heading wraps only once in a log, the wrap looks like a step.
         own = [fault for fault in own if fault.fault != "heading_step"]
     data = CampaignData(trials=trials, vehicle=config.vehicle)
-    data, faults = examine(fault_kinds("campaign"), data, config.faults)
+    data, faults = examine(detectors_at("campaign"), data, config.faults)
     return data.trials, (*own, *faults)
 
 

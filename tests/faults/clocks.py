@@ -8,7 +8,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import ClockData, examine
-from rovid.faults.catalogue import fault_kinds
+from rovid.faults.catalogue import detectors_at
 from rovid.trial.fault import Fault, FaultOverrides
 
 # Time constants of the vehicles in s, from a toy to a ship.
@@ -63,7 +63,7 @@ def clock(time: FloatArray, *, log: str = "run.csv", **values: FloatArray) -> Cl
 
 def examined(data: ClockData) -> tuple[ClockData, tuple[Fault, ...]]:
     """The repaired readings and all faults of the clock."""
-    return examine(fault_kinds("clock"), data, FaultOverrides())
+    return examine(detectors_at("clock"), data, FaultOverrides())
 
 
 def undamaged(seed: int, lag: float, kind: str, change: Callable[[FloatArray], FloatArray]) -> tuple[Fault, ...]:

@@ -8,12 +8,12 @@ from typing import get_args
 
 import pytest
 
-import rovid.faults
 from rovid.core.errors import ConfigError
-from rovid.faults.base import Detection, FaultKind, Stage, examine
-from rovid.faults.catalogue import fault_kinds
+from rovid.faults.base import Detection, Stage, examine
+from rovid.faults.catalogue import detectors_at
 from rovid.trial.config import load_config
 from rovid.trial.fault import FAULT_IDS, Fault, FaultOverrides, fault_texts
+from tests.conftest import ROOT
 
 CONFIG = """
 [[thrusters]]
@@ -28,11 +28,12 @@ heading = "h"
 """
 
 
-def test_each_file_of_the_room_is_a_fault_of_the_list() -> None:
-    files = {path.stem for path in Path(rovid.faults.__file__).parent.glob("*.py")}
-    kinds = [kind for stage in get_args(Stage) for kind in fault_kinds(stage)]
-    assert {kind.id for kind in kinds} == set(FAULT_IDS) <= files
-    assert all(kind.title and kind.false_alarms for kind in kinds)
+def test_each_fault_of_the_list_has_a_detector_and_a_page_with_its_false_alarms() -> None:
+    detectors = [detect for stage in get_args(Stage) for detect in detectors_at(stage)]
+    assert {detect.__module__.rpartition(".")[2] for detect in detectors} == set(FAULT_IDS)
+    pages = {path.stem: path.read_text() for path in (ROOT / "docs" / "faults").glob("*.md") if path.stem != "README"}
+    assert set(pages) == set(FAULT_IDS)
+    assert not [name for name, text in pages.items() if "false alarm" not in text.lower()]
 
 
 def twice(number: int) -> list[Detection[int]]:
@@ -40,18 +41,15 @@ def twice(number: int) -> list[Detection[int]]:
     return [Detection(fault=fault, done="Doubled.", repair=lambda value: 2 * value)] * (number > 0)
 
 
-KIND = FaultKind(id="clock_step", title="", stage="clock", detect=twice, false_alarms="")
-
-
 def test_a_remedy_is_applied_and_said() -> None:
-    data, (fault,) = examine([KIND, KIND][:1], 3, FaultOverrides())
+    data, (fault,) = examine([twice], 3, FaultOverrides())
     assert (data, fault.text, fault.remedy, fault.stops) == (6, "a.csv: found. Doubled.", "cut", True)
-    assert examine([KIND], 0, FaultOverrides()) == (0, ())
+    assert examine([twice], 0, FaultOverrides()) == (0, ())
 
 
 @pytest.mark.parametrize(("log", "kept"), [("a.csv", True), ("*.csv", True), ("b.csv", False)])
 def test_a_fault_that_the_user_keeps_changes_nothing(log: str, *, kept: bool) -> None:
-    data, (fault,) = examine([KIND], 3, FaultOverrides(kept={"clock_step": (log,)}))
+    data, (fault,) = examine([twice], 3, FaultOverrides(kept={"clock_step": (log,)}))
     assert data == (3 if kept else 6)
     assert fault.stops is not kept
     assert fault.text.endswith("It was kept, as rovid.toml says." if kept else "Doubled.")
@@ -83,8 +81,3 @@ def test_logs_with_the_same_fault_share_a_sentence() -> None:
         "The inertia is impossible.",
         "run_1.csv: 14.5 % of the rows are missing. Likewise in run_2.csv.",
     ]
-
-
-def test_each_fault_has_a_page() -> None:
-    pages = {path.stem for path in (Path(__file__).parents[2] / "docs" / "faults").glob("*.md")}
-    assert pages == {*FAULT_IDS, "README"}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rovid.faults.base import RunsData, examine
-from rovid.faults.clocks_apart import FAULT, FURTHER, response_delay
+from rovid.faults.clocks_apart import DETECTORS, response_delay
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
@@ -19,7 +19,7 @@ from tests.synthetic import LOGGED
 
 
 def faults(runs: Sequence[Run]) -> tuple[Fault, ...]:
-    return examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())[1]
+    return examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())[1]
 
 
 def shifted(run: Run, samples: int) -> Run:
@@ -104,7 +104,7 @@ def test_a_sensor_that_is_late_against_the_other_is_left_out(late: str, left: st
             rate = np.interp(time - delay, time, rate)
         trials.append(replace(run.trial, position=position, rate=rate))
     runs = prepare_trials(trials, LOGGED, cutoff=days[0].rates.kernel.cutoff).items
-    data, found = examine(FURTHER, RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    data, found = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
     if not late:
         assert not found
         return

@@ -10,7 +10,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import RunsData, examine
-from rovid.faults.foreign_log import FAULT, minority_payload
+from rovid.faults.foreign_log import DETECTORS, minority_payload
 from rovid.model.model import Model
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run
@@ -54,7 +54,9 @@ def two_thrusters(damage: str, seed: int, damaged: Collection[int] = (2,)) -> li
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_log_with_other_commands_than_its_thrusters_is_named(damage: str) -> None:
     for seed in range(2):
-        data, faults = examine([FAULT], RunsData(runs=two_thrusters(damage, seed), vehicle=TWO), FaultOverrides())
+        data, faults = examine(
+            DETECTORS["runs"], RunsData(runs=two_thrusters(damage, seed), vehicle=TWO), FaultOverrides()
+        )
         assert [fault.logs for fault in faults] == ([("run_2.csv",)] if damage else [])
         assert len(data.runs) == 6 - bool(damage)
         assert all(damage in fault.text for fault in faults)
@@ -64,7 +66,7 @@ def test_signs_that_are_wrong_in_half_of_the_logs_or_in_one_of_three_are_named()
     damage = "the heading or all commands have the opposite sign"
     for damaged, count in ({0, 3, 5}, 6), ({1}, 3):
         runs = two_thrusters(damage, 1, damaged)[:count]
-        data, faults = examine([FAULT], RunsData(runs=runs, vehicle=TWO), FaultOverrides())
+        data, faults = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=TWO), FaultOverrides())
         assert {fault.logs[0] for fault in faults} == {f"run_{number}.csv" for number in damaged}
         assert len(data.runs) == count - len(damaged)
         assert all(damage in fault.text for fault in faults)
@@ -72,7 +74,9 @@ def test_signs_that_are_wrong_in_half_of_the_logs_or_in_one_of_three_are_named()
 
 def found(runs: Sequence[Run], *, planar: bool = False) -> tuple[list[str], tuple[Fault, ...]]:
     """Names of the runs that stay, and the faults."""
-    data, faults = examine([FAULT], RunsData(runs=runs, vehicle=replace(LOGGED, planar=planar)), FaultOverrides())
+    data, faults = examine(
+        DETECTORS["runs"], RunsData(runs=runs, vehicle=replace(LOGGED, planar=planar)), FaultOverrides()
+    )
     return [run.trial.name for run in data.runs], faults
 
 
@@ -84,7 +88,7 @@ def test_where_a_thrust_curve_is_guessed_a_log_that_deviates_is_named_and_kept()
     guessed = replace(LOGGED, thrusters=tuple(replace(one, curve_guessed=True) for one in LOGGED.thrusters))
     runs = day("small", 1, {"steps.csv": scaled(model("small"), 1.6, 1.0)})
     for vehicle, kept in ((LOGGED, len(runs) - 1), (guessed, len(runs))):
-        data, faults = examine([FAULT], RunsData(runs=runs, vehicle=vehicle), FaultOverrides())
+        data, faults = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=vehicle), FaultOverrides())
         assert [fault.logs for fault in faults] == [("steps.csv",)]
         assert len(data.runs) == kept
     assert "guessed thrust curve" in faults[0].text

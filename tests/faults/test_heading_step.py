@@ -10,7 +10,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import TrialData
-from rovid.faults.heading_step import FAULT
+from rovid.faults.heading_step import DETECTORS
 from rovid.readers.ulg_reader import _resets
 from rovid.trial.cutting import split
 from tests.faults.drives import drives, found, undamaged
@@ -103,11 +103,11 @@ def test_resets_that_a_ulog_states() -> None:
 def test_a_stated_reset_is_cut_once(tmp_path: Path) -> None:
     drive = dict(drives(9))["sine 5.0"]
     trial = drive.trial(tmp_path)
-    (detection,) = FAULT.detect(TrialData(trial=trial, vehicle=VEHICLE, resets=((30.0, 0.1), (40.0, 1e-4))))
+    (detection,) = DETECTORS["trial"][0](TrialData(trial=trial, vehicle=VEHICLE, resets=((30.0, 0.1), (40.0, 1e-4))))
     assert detection.repair(TrialData(trial=trial, vehicle=VEHICLE)).trial.cuts == (30.0,)
     assert "states a reset of the heading at 30.00 s, by +5.7 deg" in detection.fault.text
     stepped = drive.with_step(300, 25.0).trial(tmp_path)
-    assert len(list(FAULT.detect(TrialData(trial=stepped, vehicle=VEHICLE, resets=((29.95, 0.44),))))) == 1
+    assert len(list(DETECTORS["trial"][0](TrialData(trial=stepped, vehicle=VEHICLE, resets=((29.95, 0.44),))))) == 1
 
 
 def test_gaps_are_counted_and_left_open(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rovid.faults.base import RunsData, examine
-from rovid.faults.idle_ends import FAULT
+from rovid.faults.idle_ends import DETECTORS
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run
 from tests.faults.days import VEHICLES, day
@@ -17,7 +17,7 @@ from tests.synthetic import LOGGED, clock, gauss_markov, run
 
 
 def examined(runs: list[Run]) -> tuple[list[Run], tuple[Fault, ...]]:
-    data, faults = examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    data, faults = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
     return list(data.runs), faults
 
 

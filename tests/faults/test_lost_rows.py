@@ -11,7 +11,7 @@ import pytest
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.base import ClockData, ClocksData, examine
-from rovid.faults.catalogue import fault_kinds
+from rovid.faults.catalogue import detectors_at
 from rovid.trial.cutting import split
 from rovid.trial.fault import FaultOverrides
 from tests.faults.clocks import COMMANDS, TIME_CONSTANTS, clock, examined, motion, undamaged
@@ -152,7 +152,7 @@ def test_a_pause_that_topics_have_in_common_is_cut(interval: float, late: float)
     clocks = np.arange(0.0, 60.0, 0.05), np.arange(late, 60.0, interval)
     paused = [time[(time < 20.0) | (time > 30.0)] for time in clocks]
     data = ClocksData(log="a.mcap", measured=paused[0], commands=(paused[1],))
-    (kind,) = fault_kinds("clocks")
+    (kind,) = detectors_at("clocks")
     cut, (fault,) = examine([kind], data, FaultOverrides())
     assert (fault.fault, fault.remedy, fault.logs) == ("lost_rows", "cut", ("a.mcap",))
     np.testing.assert_allclose(cut.unknown, [(paused[0][paused[0] < 20.0][-1], 30.05)], atol=0.06)

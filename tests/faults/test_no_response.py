@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.faults.base import RunsData, examine
-from rovid.faults.no_response import FAULT
+from rovid.faults.no_response import DETECTORS
 from rovid.trial.fault import FaultOverrides
 from rovid.trial.preprocessing import prepare_trials
 from rovid.trial.vehicle import Rudder
@@ -23,11 +23,13 @@ from tests.synthetic import LOGGED
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_a_log_without_motion_is_named_and_set_aside(vehicle: str, name: str, seed: int) -> None:
     runs = day(vehicle, seed, still=name)
-    data, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    data, (fault,) = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
     assert (fault.logs, fault.remedy, fault.stops) == ((name,), "set_aside", False)
     assert "does not respond" in fault.text
     assert len(data.runs) == 9
-    kept, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides(kept={FAULT.id: (name,)}))
+    kept, (fault,) = examine(
+        DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides(kept={"no_response": (name,)})
+    )
     assert (fault.remedy, len(kept.runs)) == ("none", 10)
 
 
@@ -36,14 +38,14 @@ def test_a_heading_that_repeats_one_reading_may_be_frozen() -> None:
     last = len(runs[-1].time) // 2
     frozen = np.where(np.arange(len(runs[-1].time)) < last, runs[-1].position, runs[-1].position[last])
     stuck = prepare_trials([*runs[:-1], replace(runs[-1], position=frozen)], LOGGED).items
-    _, (fault,) = examine([FAULT], RunsData(runs=stuck, vehicle=LOGGED), FaultOverrides())
+    _, (fault,) = examine(DETECTORS["runs"], RunsData(runs=stuck, vehicle=LOGGED), FaultOverrides())
     assert f"{len(frozen) - last} successive readings of the heading are equal" in fault.text
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_a_log_whose_thrusters_stop_pushing_is_named_with_the_instant(vehicle: str) -> None:
     runs = day(vehicle, 1, off="random.csv", disturbance=0.002)
-    data, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    data, (fault,) = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
     assert (fault.logs, fault.remedy, len(data.runs)) == (("random.csv",), "set_aside", 9)
     half = 0.5 * runs[-1].trial.time[-1]
     # The window of five time constants begins after the coast-down.
@@ -54,7 +56,7 @@ def test_a_log_whose_thrusters_stop_pushing_is_named_with_the_instant(vehicle: s
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_a_supply_interrupted_in_a_hold_is_named_with_its_stretch(vehicle: str) -> None:
     runs = day(vehicle, 2, off="hold_1.csv", off_from=0.35, off_until=0.5)
-    _, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    _, (fault,) = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
     end = next(run.trial.time[-1] for run in runs if run.trial.name == "hold_1.csv")
     assert fault.logs == ("hold_1.csv",)
     # The windows of a time constant, 1/40 of the log, begin every quarter of it; the filter takes two of them.
@@ -66,7 +68,7 @@ def test_a_rudder_turns_nothing_where_the_vehicle_does_not_move_ahead() -> None:
     runs = day("large", 1, off="random.csv", disturbance=0.002)
     rudder = replace(LOGGED.thrusters[0], rudder=Rudder(position=(-1.0, 0.0)))
     steered = replace(LOGGED, thrusters=(rudder,), planar=True)
-    assert not examine([FAULT], RunsData(runs=runs, vehicle=steered), FaultOverrides())[1]
+    assert not examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=steered), FaultOverrides())[1]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -74,8 +76,8 @@ def test_a_rudder_turns_nothing_where_the_vehicle_does_not_move_ahead() -> None:
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_logs_that_move_give_nothing(vehicle: str, disturbance: float, seed: int) -> None:
     runs = day(vehicle, seed, disturbance=disturbance)
-    assert not examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())[1]
-    assert not examine([FAULT], RunsData(runs=runs[:1], vehicle=LOGGED), FaultOverrides())[1]
+    assert not examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())[1]
+    assert not examine(DETECTORS["runs"], RunsData(runs=runs[:1], vehicle=LOGGED), FaultOverrides())[1]
 
 
 @pytest.mark.parametrize("offset", [1.0, 7.0, -40.0, 170.0])

@@ -10,7 +10,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import RunsData, examine
-from rovid.faults.same_run_twice import FURTHER
+from rovid.faults.same_run_twice import DETECTORS
 from rovid.readers import read_campaign
 from rovid.trial.config import Config
 from rovid.trial.fault import FaultOverrides
@@ -133,7 +133,7 @@ def test_a_second_sensor_counts_once(vehicle: str, seed: int) -> None:
     runs = day(vehicle, seed)
     names = [run.trial.name for run in runs]
     every = [*runs, *(by_another_sensor(run, 200 + k) for k, run in enumerate(runs))]
-    data, faults = examine(FURTHER, RunsData(runs=every, vehicle=LOGGED), FaultOverrides())
+    data, faults = examine(DETECTORS["runs"], RunsData(runs=every, vehicle=LOGGED), FaultOverrides())
     assert [run.trial.name for run in data.runs] == names
     assert len(faults) == len(names)
     assert all(fault.size == pytest.approx(7.3, abs=0.02) for fault in faults)  # 5 errors of the noise.
@@ -147,7 +147,7 @@ def test_a_short_run_by_two_sensors_is_known_by_its_absolute_time(vehicle: str) 
     times = [1.7e9 + 1000.0 * number for number in range(len(runs))]
     runs = [at_epoch(run, epoch) for run, epoch in zip(runs, times, strict=True)]
     second = by_another_sensor(runs[0], 7)
-    data, (fault,) = examine(FURTHER, RunsData(runs=[*runs, second], vehicle=LOGGED), FaultOverrides())
+    data, (fault,) = examine(DETECTORS["runs"], RunsData(runs=[*runs, second], vehicle=LOGGED), FaultOverrides())
     assert fault.logs == (second.trial.name,)
     assert "the same absolute time" in fault.text
     assert list(data.runs) == runs
@@ -165,7 +165,7 @@ def test_a_programme_run_twice_is_not_one_run(vehicle: str, disturbance: float) 
     pairs = zip(first, second, strict=True)
     every = [*first, *(run for one, run in pairs if np.array_equal(one.torque, run.torque))]
     assert len(every) == 18
-    assert not examine(FURTHER, RunsData(runs=every, vehicle=LOGGED), FaultOverrides())[1]
+    assert not examine(DETECTORS["runs"], RunsData(runs=every, vehicle=LOGGED), FaultOverrides())[1]
 
 
 def by_another_sensor(run: Run, seed: int) -> Run:

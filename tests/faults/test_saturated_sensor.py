@@ -9,7 +9,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import SignalData
-from rovid.faults.saturated_sensor import FAULT
+from rovid.faults.saturated_sensor import DETECTORS
 from tests.faults.drives import drives, found, undamaged
 
 
@@ -30,7 +30,7 @@ def test_a_clipped_rate_is_left_out(side: float) -> None:
     rate = 2.0 * np.sin(time / 3.0) + np.random.default_rng(4).normal(0.0, 0.01, 2000)
     clipped = side * np.minimum(side * rate, 1.5)
     data = SignalData(log="a", name="yaw rate", time=time, values=clipped, period=np.inf, unit="rad/s")
-    (detection,) = FAULT.detect(data)
+    (detection,) = DETECTORS["signal"][0](data)
     assert len(detection.repair(data).time) == np.count_nonzero(side * rate < 1.5)
     assert "85.9437 deg/s" in detection.fault.text
 
@@ -39,7 +39,7 @@ def test_a_rate_clipped_on_both_sides_is_left_out() -> None:
     time: FloatArray = np.linspace(0.0, 99.95, 2000)
     rate = 2.0 * np.sin(time / 3.0) + np.random.default_rng(4).normal(0.0, 0.01, 2000)
     data = SignalData(log="a", name="yaw rate", time=time, values=rate.clip(-1.5, 1.5), period=np.inf, unit="rad/s")
-    above, below = FAULT.detect(data)
+    above, below = DETECTORS["signal"][0](data)
     assert (above.fault.size, below.fault.size) == (1.5, -1.5)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import RunsData, SignalData, examine
-from rovid.faults.scaled_heading import FAULT, FURTHER
+from rovid.faults.scaled_heading import DETECTORS
 from rovid.trial.fault import Fault, FaultOverrides
 from tests.faults.days import day
 from tests.synthetic import LOGGED
@@ -20,7 +20,7 @@ TURN = 2.0 * np.pi
 def faults(values: FloatArray, interval: float = 0.1) -> tuple[Fault, ...]:
     time = interval * np.arange(len(values), dtype=np.float64)
     data = SignalData(log="a.csv", name="heading", time=time, values=values, period=TURN, unit="rad")
-    return examine([FAULT], data, FaultOverrides())[1]
+    return examine(DETECTORS["signal"], data, FaultOverrides())[1]
 
 
 def turning(rng: np.random.Generator, rate: float = 0.3, count: int = 2000) -> FloatArray:
@@ -74,7 +74,7 @@ def test_a_clipped_heading_is_no_scaled_one() -> None:
 def test_a_gyro_of_another_scale_stops(gain: float, found: int) -> None:
     runs = day("large", 0)
     runs = [replace(run, rates=replace(run.rates, gyro_gain=gain * (1.0 + 0.01 * k))) for k, run in enumerate(runs)]
-    every = examine(FURTHER, RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())[1]
+    every = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())[1]
     assert len(every) == found
     assert all(fault.stops and fault.size == pytest.approx(gain, rel=0.1) for fault in every)
-    assert not examine(FURTHER, RunsData(runs=day("large", 0), vehicle=LOGGED), FaultOverrides())[1]
+    assert not examine(DETECTORS["runs"], RunsData(runs=day("large", 0), vehicle=LOGGED), FaultOverrides())[1]

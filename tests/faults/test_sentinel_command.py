@@ -7,7 +7,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CommandData
-from rovid.faults.sentinel_command import FAULT
+from rovid.faults.sentinel_command import DETECTORS
 from rovid.trial.vehicle import ThrustCurve, Thruster
 
 TIME: FloatArray = np.linspace(0.0, 39.9, 400)
@@ -39,7 +39,7 @@ def data(
 def test_no_pulse_is_no_thrust(value: float, rows: slice) -> None:
     values = PULSES.copy()
     values[rows] = value
-    (detection,) = FAULT.detect(data(values, curve(1100.0, 1900.0)))
+    (detection,) = DETECTORS["command"][0](data(values, curve(1100.0, 1900.0)))
     fixed = detection.repair(data(values, curve(1100.0, 1900.0))).values
     np.testing.assert_array_equal(fixed[rows], 1500.0)
     np.testing.assert_array_equal(fixed[values == PULSES], PULSES[values == PULSES])
@@ -50,10 +50,10 @@ def test_no_pulse_is_no_thrust(value: float, rows: slice) -> None:
 def test_nan_stops_a_motor_of_px4() -> None:
     values = np.sin(TIME)
     values[:50] = np.nan
-    (detection,) = FAULT.detect(data(values, curve(-1.0, 1.0), "actuator_motors.control[0]"))
+    (detection,) = DETECTORS["command"][0](data(values, curve(-1.0, 1.0), "actuator_motors.control[0]"))
     assert not detection.repair(data(values, curve(-1.0, 1.0))).values[:50].any()
     # Elsewhere an empty cell is no order.
-    assert not list(FAULT.detect(data(values, curve(-1.0, 1.0))))
+    assert not list(DETECTORS["command"][0](data(values, curve(-1.0, 1.0))))
 
 
 # Thrust of 0.5 until 10 s, none until 20 s, thrust again; and the rate of a vehicle that follows within 2 s.
@@ -70,7 +70,7 @@ def following(torque: FloatArray) -> FloatArray:
 
 def test_nan_is_no_thrust_where_the_vehicle_slows_down() -> None:
     given = data(LEVELS, curve(-1.0, 1.0), "fore_V", following(np.nan_to_num(LEVELS)))
-    (detection,) = FAULT.detect(given)
+    (detection,) = DETECTORS["command"][0](given)
     fixed = detection.repair(given)
     assert not fixed.values[STOPPED].any()
     assert not fixed.unknown
@@ -86,18 +86,18 @@ def test_nan_is_no_thrust_where_the_vehicle_slows_down() -> None:
 )
 def test_nan_is_a_missing_cell(values: FloatArray) -> None:
     torque = np.where(STOPPED, 0.0, 0.5)
-    assert not list(FAULT.detect(data(values, curve(-1.0, 1.0), "fore_V", following(torque))))
+    assert not list(DETECTORS["command"][0](data(values, curve(-1.0, 1.0), "fore_V", following(torque))))
 
 
 @pytest.mark.parametrize("torque", [np.full(len(TIME), 0.5), np.where(STOPPED, 1.5, 0.5)])
 def test_nan_is_a_missing_cell_where_the_vehicle_goes_on(torque: FloatArray) -> None:
-    assert not list(FAULT.detect(data(LEVELS, curve(-1.0, 1.0), "fore_V", following(torque))))
+    assert not list(DETECTORS["command"][0](data(LEVELS, curve(-1.0, 1.0), "fore_V", following(torque))))
 
 
 def test_a_command_is_unknown_where_the_vehicle_gains_speed_without_a_pulse() -> None:
     without = TIME < 10.0
     given = data(np.where(without, 0.0, 1700.0), curve(1100.0, 1900.0), rate=following(np.full(len(TIME), 0.5)))
-    (detection,) = FAULT.detect(given)
+    (detection,) = DETECTORS["command"][0](given)
     fixed = detection.repair(given)
     assert np.isnan(fixed.values[without]).all()
     assert fixed.unknown == ((0.0, pytest.approx(10.0)),)
@@ -116,7 +116,7 @@ def test_a_command_is_unknown_where_the_vehicle_gains_speed_without_a_pulse() ->
     ],
 )
 def test_undamaged_commands(values: FloatArray, points: ThrustCurve | None) -> None:
-    assert not list(FAULT.detect(data(values, points)))
+    assert not list(DETECTORS["command"][0](data(values, points)))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import RunsData, examine
-from rovid.faults.several_releases import FURTHER
+from rovid.faults.several_releases import DETECTORS
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run
 from tests.faults.days import VEHICLES, day
@@ -19,7 +19,7 @@ NO_OVERRIDES = FaultOverrides()
 
 
 def examined(runs: list[Run], overrides: FaultOverrides = NO_OVERRIDES) -> tuple[list[Run], tuple[Fault, ...]]:
-    data, faults = examine(FURTHER, RunsData(runs=runs, vehicle=LOGGED), overrides)
+    data, faults = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), overrides)
     return list(data.runs), faults
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CommandData
-from rovid.faults.stale_commands import FAULT
+from rovid.faults.stale_commands import DETECTORS
 from rovid.trial.cutting import split
 from tests.faults.drives import drives, found
 from tests.readers.logs import read_csv
@@ -30,7 +30,7 @@ def data(time: FloatArray, values: FloatArray, measured: FloatArray = MEASURED) 
 def test_commands_that_end_early(interval: float, end: float) -> None:
     time = np.arange(0.0, end, interval)
     for values in (np.where(time % 8.0 < 4.0, 2.0, -2.0), 1.0 + np.sin(time)):
-        (detection,) = FAULT.detect(data(time, values))
+        (detection,) = DETECTORS["command"][0](data(time, values))
         assert detection.fault.at == pytest.approx((time[-1],))
         assert detection.fault.size == pytest.approx(MEASURED[-1] - time[-1])
         assert detection.repair(data(time, values)).unknown == ((pytest.approx(time[-1] + interval), np.inf),)
@@ -39,12 +39,12 @@ def test_commands_that_end_early(interval: float, end: float) -> None:
 def test_a_silence_in_between() -> None:
     time = np.arange(0.0, 60.0, 0.2)
     time = time[(time < 30.0) | (time > 36.0)]
-    (detection,) = FAULT.detect(data(time, np.where(time % 8.0 < 4.0, 2.0, -2.0)))
+    (detection,) = DETECTORS["command"][0](data(time, np.where(time % 8.0 < 4.0, 2.0, -2.0)))
     assert detection.fault.at == pytest.approx((29.8,))
     assert "silent for 6.4 s from 29.8 s" in detection.fault.text
     # A pause of the whole log lacks nothing.
     pause = MEASURED[(MEASURED < 29.9) | (MEASURED > 36.1)]
-    assert not list(FAULT.detect(data(time, np.where(time % 8.0 < 4.0, 2.0, -2.0), pause)))
+    assert not list(DETECTORS["command"][0](data(time, np.where(time % 8.0 < 4.0, 2.0, -2.0), pause)))
 
 
 def only_changes(values: FloatArray) -> CommandData:
@@ -67,7 +67,7 @@ def only_changes(values: FloatArray) -> CommandData:
     ],
 )
 def test_undamaged_commands(undamaged: CommandData) -> None:
-    assert not list(FAULT.detect(undamaged))
+    assert not list(DETECTORS["command"][0](undamaged))
 
 
 def test_what_follows_is_left_out(tmp_path: Path) -> None:

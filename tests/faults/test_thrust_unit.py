@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rovid.faults.base import RunsData, examine
-from rovid.faults.thrust_unit import FAULT, inertia_fault
+from rovid.faults.thrust_unit import DETECTORS, inertia_fault
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.faults.days import VEHICLES, day, scaled
@@ -24,7 +24,7 @@ def faults(vehicle: str, factor: float, ratio: float, seed: int) -> tuple[Fault,
         runs.append(replace(run, torque=torque, filtered_torque=filtered))
     body = VEHICLES[vehicle][0].inertia / ratio
     known = replace(LOGGED, rigid_body_inertia=body)
-    return examine([FAULT], RunsData(runs=runs, vehicle=known), FaultOverrides())[1]
+    return examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=known), FaultOverrides())[1]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -85,7 +85,7 @@ def test_commands_that_use_a_tenth_of_the_curve_are_of_another_unit(vehicle: str
         trial = replace(run.trial, commands=commands[:, np.newaxis])
         runs.append(replace(run, trial=trial, torque=torque, filtered_torque=filtered))
     known = Vehicle(name="v", thrusters=(thruster,), rigid_body_inertia=VEHICLES[vehicle][0].inertia / 1.5)
-    (found,) = examine([FAULT], RunsData(runs=runs, vehicle=known), FaultOverrides())[1]
+    (found,) = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=known), FaultOverrides())[1]
     assert (found.fault, found.stops) == (fault, True)
     assert ("The commands look like volts, the curve like percent." in found.text) == (fault == "unit_mismatch")
 
@@ -104,7 +104,7 @@ def test_a_thruster_with_the_wrong_sign_is_another_explanation() -> None:
         trial = replace(one.trial, commands=np.column_stack((command, -command)))
         torque = vehicle.torque(trial)
         runs.append(replace(one, trial=trial, torque=torque, filtered_torque=one.rates.filter_held(trial, torque)))
-    _, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=vehicle), FaultOverrides())
+    _, (fault,) = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=vehicle), FaultOverrides())
     assert fault.stops
     assert "the sign of yaw_arm or command of aft (with it turned around the inertia is 1." in fault.text
 
@@ -116,5 +116,5 @@ def test_two_vehicles_in_one_folder_are_another_explanation() -> None:
     mixed = day("small", 0, dict.fromkeys(names, scaled(own, 1.3, 1.0)), disturbance=0.005)
     vehicle = replace(LOGGED, rigid_body_inertia=2.5 * own.inertia)
     for runs, expected in ((mixed, True), (day("small", 0), False)):
-        _, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=vehicle), FaultOverrides())
+        _, (fault,) = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=vehicle), FaultOverrides())
         assert ("logs of two vehicles in one folder (" in fault.text) == expected

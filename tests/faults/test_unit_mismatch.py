@@ -8,7 +8,7 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
 from rovid.faults.base import CampaignData
-from rovid.faults.unit_mismatch import FAULT
+from rovid.faults.unit_mismatch import DETECTORS
 from rovid.trial.fault import Fault
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.synthetic import trial
@@ -22,7 +22,7 @@ def examined(commands: FloatArray, low: float, high: float, *, clamp: bool = Fal
     points = ThrustCurve(command=np.array([low, high]), thrust=np.array([-20.0, 20.0]))
     vehicle = Vehicle(name="v", thrusters=(Thruster(name="fore", arm=0.4, curve=points, clamp=clamp),))
     data = CampaignData(trials=[trial(TIME, commands, name=name) for name in ("a", "b")], vehicle=vehicle)
-    return [detection.fault for detection in FAULT.detect(data)]
+    return [detection.fault for detection in DETECTORS["campaign"][0](data)]
 
 
 def commands(unit: str, share: float = 1.0) -> FloatArray:
