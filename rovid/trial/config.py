@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
-from rovid.core.errors import NAME_LENGTH, ConfigError, suggestion
-from rovid.core.input_files import expected_number, read_toml, require_exists, special_kind
+from rovid.core.errors import ConfigError
+from rovid.core.input_files import read_toml, require_exists, special_kind
 from rovid.core.transaction import recover
 from rovid.trial import drives
 from rovid.trial.axis import (
@@ -16,16 +16,16 @@ from rovid.trial.axis import (
     PLANAR,
     SIGNAL_UNITS,
     STANDARD_SOURCES,
-    TIME_UNITS,
     YAW,
     Axis,
     Signal,
     other_axes,
 )
 from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint, prior_digest
+from rovid.trial.config_values import GUESSED, ConfigValues
 from rovid.trial.cutting import Exclusion, exclusions, join, kept_faults
 from rovid.trial.fault import FaultOverrides
-from rovid.trial.log_files import KINDS, Join
+from rovid.trial.log_files import Join
 from rovid.trial.tables import bench_curve
 from rovid.trial.vehicle import Thruster, Vehicle
 
@@ -33,11 +33,9 @@ FILE_NAME = "rovid.toml"
 _NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia", "thrust_scale", "thrust_scale_error")
 _VEHICLE_KEYS = ("name", *_NUMBERS)
 _ARMS = tuple(axis.arm_key for axis in AXES.values())
-# Suffix of the key that marks a value as a guess of `rovid init`: yaw_arm_guessed.
-_GUESSED = "_guessed"
 # First bytes of a rovid.toml of rovid 0.2, which did not mark guesses.
 _UNMARKED_GUESSES = b"# Written by `rovid init`, which looked at "
-_THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *(key + _GUESSED for key in (*_ARMS, "curve")))
+_THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *(key + GUESSED for key in (*_ARMS, "curve")))
 _THRUSTER_KEYS += (*drives.MOTOR_KEYS, *drives.GEOMETRY_KEYS)
 _TABLES = ("vehicle", "thrusters", "rudders", "signals", "leave_out", "join", "faults", "planar")
 
@@ -160,9 +158,9 @@ def _settings(path: Path) -> dict[str, Any]:
     blocks = document.get("thrusters", [])
     for block in filter(lambda one: isinstance(one, dict), blocks if isinstance(blocks, list) else ()):
         if block.get(YAW.arm_key) in {1.0, -1.0}:
-            block.setdefault(YAW.arm_key + _GUESSED, True)
+            block.setdefault(YAW.arm_key + GUESSED, True)
         if block.get("curve") == "thrust_guess.csv":
-            block.setdefault("curve" + _GUESSED, True)
+            block.setdefault("curve" + GUESSED, True)
     return document
 
 
@@ -176,57 +174,13 @@ def vehicle_without_thrusters(paths: Sequence[Path]) -> Vehicle:
     return parser.vehicle(parser.table(read_toml(path), "vehicle"), ())
 
 
-class _Parser:
+class _Parser(ConfigValues):
     """Checks a document; each error names the place inside the file."""
 
-    def __init__(self, path: Path, axis: Axis) -> None:
-        self.path = path
-        self.planar = axis is PLANAR
-        self.axis = YAW if self.planar else axis
-        self.example_arm = f"{self.axis.arm_key} = {'0.43' if self.axis.angular else '1.0'}"
-        # Keys of a thruster, one of which it has if it acts along the axis.
-        self.levers = drives.PLANAR_LEVERS if self.planar else (axis.arm_key,)
-
-    def error(self, place: str, message: str, mend: str = "") -> ConfigError:
-        return ConfigError(message, where=f"{self.path}: {place}", mend=mend)
-
-    # --- values ------------------------------------------------------------------------------------------
-
-    def table(self, document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-        value = document.get(name, {})
-        if not isinstance(value, dict):
-            raise self.error(name, f"is {value!r}; a table [{name}] was expected.")
-        return value
-
-    def blocks(self, document: Mapping[str, Any], name: str) -> list[Any]:
-        value = document.get(name, [])
-        if not isinstance(value, list):
-            raise self.error(name, f"must be written [[{name}]], one block each.")
-        return value
-
-    def require_block(self, block: Any, name: str, place: str, keys: Sequence[str]) -> None:
-        if not isinstance(block, dict):
-            raise self.error(place, f"is {block!r}; a block [[{name}]] was expected.")
-        self.require_known(block, keys, place)
-
-    def require_known(self, table: Iterable[str], keys: Sequence[str], place: str) -> None:
-        for key in table:
-            if key not in keys:
-                raise self.error(place, f"{key!r} is not known here.", suggestion(key, keys))
-
-    def number(self, value: Any, place: str, *, positive: bool = False) -> float:
-        expected = expected_number(value, positive=positive)
-        if expected:
-            raise self.error(place, f"is {value!r}; {expected} was expected.")
-        return float(value)
-
-    def name(self, value: Any, place: str) -> str:
-        text = str(value)
-        if len(text) > NAME_LENGTH:
-            raise self.error(place, f"is a name of {len(text)} characters; {NAME_LENGTH} at most were expected.")
-        return text
-
-    # --- tables ------------------------------------------------------------------------------------------
+    @property
+    def example_arm(self) -> str:
+        """Lever of a thruster, as a line for messages."""
+        return f"{self.axis.arm_key} = {'0.43' if self.axis.angular else '1.0'}"
 
     def config(self, document: Mapping[str, Any]) -> Config:
         self.require_known(document, _TABLES, "top level")
@@ -260,29 +214,6 @@ class _Parser:
         name = self.name(table.get("name", "vehicle"), "[vehicle] name")
         thrusters = tuple(one.scaled(numbers.get("thrust_scale", 1.0)) for one in thrusters)
         return Vehicle(name=name, thrusters=thrusters, axis=self.axis, planar=self.planar, **numbers)
-
-    def signal(self, name: str, value: Any, place: str, *, like: str = "") -> Signal:
-        """The signal of this ``value``; in the units of the signal ``like`` if that is given."""
-        entry = {"csv": value} if isinstance(value, str) else value
-        if not isinstance(entry, dict) or not entry:
-            raise self.error(place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.')
-        self.require_known(entry, (*KINDS, "unit", "sign", *["position"] * (name in drives.PLACED_SIGNALS)), place)
-        position = drives.position_of(entry, place, self) if "position" in entry else (0.0, 0.0)
-        for key, text in entry.items():
-            if key not in {"sign", "position"} and not isinstance(text, str):
-                raise self.error(f"{place} {key}", f"is {text!r}; text was expected.")
-        sources = {key: text for key, text in entry.items() if key not in {"unit", "sign", "position"}}
-        units, default = SIGNAL_UNITS.get(like or name), DEFAULT_UNIT.get(like or name, "")
-        if name == "time":
-            units, default = dict.fromkeys(TIME_UNITS, 1.0), "auto"
-        unit = entry.get("unit", default)
-        sign = self.number(entry.get("sign", 1), f"{place} sign")
-        if abs(sign) != 1:
-            raise self.error(f"{place} sign", f"is {sign:g}; 1 or -1 was expected.")
-        if units is not None and unit not in units:
-            raise self.error(f"{place} unit", f"is {unit!r}; one of {', '.join(units)} was expected.")
-        factor = 1.0 if units is None else units[unit]
-        return Signal(name=name, sources=sources, unit=unit, factor=sign * factor, position=position)
 
     def require_same_kind(self, signals: Mapping[str, Signal]) -> None:
         """`ConfigError` where only one of north and east is an angle on the globe."""
@@ -340,18 +271,20 @@ class _Parser:
         name = self.name(block.get("name", f"thruster_{index + 1}"), f"{place} name")
         place = f"[[thrusters]] {name!r}"
         block = drives.with_levers(block, place, self)
-        acts = [key for key in self.levers if key in block]
+        # Keys of a thruster, one of which it has if it acts along the axis.
+        levers = drives.PLANAR_LEVERS if self.planar else (self.axis.arm_key,)
+        acts = [key for key in levers if key in block]
         if not acts and any(other in block for other in _ARMS):
             return []
         constant = drives.constant_of(block)
         arm_key = self.axis.arm_key
         replaced = drives.REPLACED.get(constant, ())
         if not acts and "arm" not in replaced:
-            expected = " or ".join([", ".join(self.levers[:-1]), self.levers[-1]][not self.levers[:-1] :])
+            expected = " or ".join([", ".join(levers[:-1]), levers[-1]][not levers[:-1] :])
             raise self.error(place, f"has no {expected}.", f"Add {self.example_arm}.")
         for key, example in {"curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}.items():
-            if key not in block and key not in replaced:
-                raise self.error(place, f"has no {key}.", f"Add {key} = {example}.")
+            if key not in replaced:
+                self.require(block, key, place, f"Add {key} = {example}.")
         outside = block.get("outside", "refuse")
         if outside not in {"refuse", "clamp"}:
             raise self.error(f"{place} outside", f'is {outside!r}; "refuse" or "clamp" was expected.')
@@ -364,7 +297,7 @@ class _Parser:
             scale_key=constant if constant == "torque_constant" or self.planar else "",
             surge_share=lever["surge"],
             sway_share=lever["sway"] if self.planar else 0.0,
-            position=drives.position_of(block, place, self) if "position" in block else None,
+            position=self.place_of(block, place) if "position" in block else None,
             arm_guessed=any(self.is_guessed(block, key, place) for key in ([constant] if constant else acts)),
             curve_guessed=not constant and self.is_guessed(block, "curve", place),
         )
@@ -374,16 +307,6 @@ class _Parser:
             angle = self.signal(f"command.{turning.name}", block["azimuth"], f"{place} azimuth", like="heading")
             pairs.append((turning, angle))
         return pairs
-
-    def is_guessed(self, block: Mapping[str, Any], key: str, place: str) -> bool:
-        """Whether a value is marked as a guess: by true, or by the guessed value as long as it is unchanged."""
-        mark = block.get(key + _GUESSED, False)
-        if isinstance(mark, bool):
-            return mark
-        if isinstance(mark, str) is not isinstance(block[key], str):
-            expected = f"the guessed value of {key}, true or false was expected."
-            raise self.error(f"{place} {key}{_GUESSED}", f"is {mark!r}; {expected}")
-        return bool(mark == block[key])
 
     def require_actuators(self, blocks: Sequence[Any], thrusters: Sequence[Thruster]) -> None:
         place, axis = "[[thrusters]]", self.axis

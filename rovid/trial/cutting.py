@@ -3,13 +3,12 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.core.errors import ConfigError
-from rovid.trial.axis import Signal
+from rovid.trial.config_values import ConfigValues
 from rovid.trial.fault import FAULT_IDS, FaultOverrides
 from rovid.trial.log_files import Join, is_called
 from rovid.trial.trial import Remark, Trial
@@ -171,35 +170,7 @@ _JOIN_KEYS = ("parts", "offset", "drift", "time")
 _EXCLUSION_KEYS = ("log", "from", "to", "reason")
 
 
-class TableParser(Protocol):
-    """Checks of tables, blocks and values in rovid.toml."""
-
-    def error(self, place: str, message: str, mend: str = "") -> ConfigError:
-        """The error at this place of the file."""
-
-    def table(self, document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-        """The table of this name; empty where there is none."""
-
-    def blocks(self, document: Mapping[str, Any], name: str) -> list[Any]:
-        """The blocks of this name."""
-
-    def require_block(self, block: Any, name: str, place: str, keys: Sequence[str]) -> None:
-        """Refuse all but a block with known ``keys``."""
-
-    def require_known(self, table: Mapping[str, Any] | list[str], keys: Sequence[str], place: str) -> None:
-        """Refuse unknown keys."""
-
-    def number(self, value: Any, place: str, *, positive: bool = False) -> float:
-        """The value as a number."""
-
-    def name(self, value: Any, place: str) -> str:
-        """The value as a name."""
-
-    def signal(self, name: str, value: Any, place: str, *, like: str = "") -> Signal:
-        """The signal of this value."""
-
-
-def exclusions(document: Mapping[str, Any], parser: TableParser) -> Iterator[Exclusion]:
+def exclusions(document: Mapping[str, Any], parser: ConfigValues) -> Iterator[Exclusion]:
     """The intervals of [[leave_out]]."""
     for index, block in enumerate(parser.blocks(document, "leave_out")):
         place = f"[[leave_out]] number {index + 1}"
@@ -214,7 +185,7 @@ def exclusions(document: Mapping[str, Any], parser: TableParser) -> Iterator[Exc
         yield Exclusion(log=log, begin=begin, end=end, reason=reason)
 
 
-def join(document: Mapping[str, Any], parser: TableParser) -> Join | None:
+def join(document: Mapping[str, Any], parser: ConfigValues) -> Join | None:
     """The table [join]; None where there is none."""
     table = parser.table(document, "join")
     if not table:
@@ -233,7 +204,7 @@ def join(document: Mapping[str, Any], parser: TableParser) -> Join | None:
     return Join(parts=tuple(parts), offset=offset, drift=drift, time=clocks)
 
 
-def kept_faults(document: Mapping[str, Any], parser: TableParser) -> FaultOverrides:
+def kept_faults(document: Mapping[str, Any], parser: ConfigValues) -> FaultOverrides:
     """The table [faults]."""
     table = parser.table(document, "faults")
     parser.require_known(table, FAULT_IDS, "[faults]")
@@ -247,7 +218,7 @@ def kept_faults(document: Mapping[str, Any], parser: TableParser) -> FaultOverri
 
 
 def _clock_corrections(
-    table: Mapping[str, Any], key: str, parts: Sequence[str], parser: TableParser
+    table: Mapping[str, Any], key: str, parts: Sequence[str], parser: ConfigValues
 ) -> dict[str, float]:
     """Numbers by part, or by file name or pattern, which has a dot, a star or a slash in it."""
     entries = parser.table(table, key)

@@ -2,10 +2,9 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
-from rovid.core.errors import ConfigError
-from rovid.trial.axis import Axis
+from rovid.trial.config_values import ConfigValues
 from rovid.trial.hull import WATER_DENSITY
 from rovid.trial.vehicle import Rudder, Steering, ThrustCurve, Thruster
 
@@ -18,22 +17,7 @@ MOTOR_KEYS = (*CONSTANTS, *(f"{key}_guessed" for key in CONSTANTS), "max_command
 RUDDER_KEYS = ("name", "angle", "coefficient", "wheelbase", "wheelbase_guessed", "speed")
 # Suffix of the signal that is the order of a rate controller: yaw_rate_order.
 ORDER_SUFFIX = "_order"
-
-
-class ValueParser(Protocol):
-    """Checks of single values in rovid.toml."""
-
-    axis: Axis
-    planar: bool  #: Whether surge, sway and yaw are read together.
-
-    def error(self, place: str, message: str, mend: str = "") -> ConfigError:
-        """The error at this place of the file."""
-
-    def is_guessed(self, block: Mapping[str, Any], key: str, place: str) -> bool:
-        """Whether the value is an unconfirmed guess of `rovid init`."""
-
-    def number(self, value: Any, place: str, *, positive: bool = False) -> float:
-        """The value as a number."""
+_ANGLE = 'Add angle = { csv = "COLUMN", unit = "deg" }.'
 
 
 def constant_of(block: Mapping[str, Any]) -> str:
@@ -41,17 +25,14 @@ def constant_of(block: Mapping[str, Any]) -> str:
     return next((key for key in CONSTANTS if key in block), "")
 
 
-def motor_curve(block: Mapping[str, Any], place: str, parser: ValueParser) -> ThrustCurve:
+def motor_curve(block: Mapping[str, Any], place: str, parser: ConfigValues) -> ThrustCurve:
     """Curve of a motor with a constant, up to ``max_command`` in both directions.
 
     Raises ConfigError if the block has a curve, too, or no ``max_command``.
     """
     key = constant_of(block)
-    unwanted = [other for other in ("curve", *CONSTANTS) if other != key and other in block]
-    if key == "torque_constant" and parser.axis.arm_key in block:
-        unwanted.append(parser.axis.arm_key)
-    if unwanted:
-        raise parser.error(place, f"has {key} and {unwanted[0]}; one of them was expected.", "Delete one.")
+    others = [other for other in ("curve", *CONSTANTS) if other != key]
+    parser.refuse_both(block, key, [*others, *[parser.axis.arm_key] * (key == "torque_constant")], place)
     if "max_command" not in block:
         mend = "Add max_command = the largest command in the unit of the log, for example 3000 for rpm or 5 for A."
         raise parser.error(place, f"has {key} and no max_command, the largest command for which it holds.", mend)
@@ -60,7 +41,7 @@ def motor_curve(block: Mapping[str, Any], place: str, parser: ValueParser) -> Th
     return ThrustCurve.proportional(constant, most, CONSTANTS[key])
 
 
-def steered(block: Mapping[str, Any], name: str, signals: Collection[str], parser: ValueParser) -> Thruster:
+def steered(block: Mapping[str, Any], name: str, signals: Collection[str], parser: ConfigValues) -> Thruster:
     """A rudder, or the steered wheels of a vehicle; one of ``signals`` is the speed.
 
     Raises ConfigError if both of ``coefficient`` and ``wheelbase`` are given, or there is no angle or no speed.
@@ -68,8 +49,7 @@ def steered(block: Mapping[str, Any], name: str, signals: Collection[str], parse
     place = f"[[rudders]] {name!r}"
     if parser.axis.name != "yaw":
         raise parser.error(place, f"acts in yaw and not in {parser.axis.name}.", "Leave --axis out.")
-    if "angle" not in block:
-        raise parser.error(place, "has no angle.", 'Add angle = { csv = "COLUMN", unit = "deg" }.')
+    parser.require(block, "angle", place, _ANGLE)
     if "coefficient" in block and "wheelbase" in block:
         text = "has a coefficient, as a rudder, and a wheelbase, as steered wheels; one of them was expected."
         raise parser.error(place, text, "Delete one.")
@@ -93,7 +73,7 @@ def steered(block: Mapping[str, Any], name: str, signals: Collection[str], parse
     )
 
 
-def logged_drive(signals: Collection[str], parser: ValueParser, *, alone: bool) -> Thruster | None:
+def logged_drive(signals: Collection[str], parser: ConfigValues, *, alone: bool) -> Thruster | None:
     """The drive that one of ``signals`` is: a torque, a force, or the order to a rate controller.
 
     Raises ConfigError if there are two, or there are other actuators, too.
@@ -113,8 +93,6 @@ def logged_drive(signals: Collection[str], parser: ValueParser, *, alone: bool) 
 
 
 GEOMETRY_KEYS = ("position", "direction", "azimuth", "diameter")
-# Signals that depend on the place where they are measured.
-PLACED_SIGNALS = ("surge_velocity", "sway_velocity", "north", "east")
 RUDDER_GEOMETRY_KEYS = ("position", "area", "lift", "behind", "slipstream", "stall")
 # Keys of a thruster that the coupled model needs: one of them at least.
 PLANAR_LEVERS = ("surge", "sway", "yaw_arm")
@@ -124,7 +102,7 @@ _ROUNDING = 1e-9
 _LIFT_SLOPE = 2.45
 
 
-def with_levers(block: Mapping[str, Any], place: str, parser: ValueParser) -> Mapping[str, Any]:
+def with_levers(block: Mapping[str, Any], place: str, parser: ConfigValues) -> Mapping[str, Any]:
     """The ``block`` of a thruster with ``surge``, ``sway`` and ``yaw_arm`` in place of position and direction.
 
     surge = cos(direction), sway = sin(direction), yaw_arm = x sway - y surge (Fossen 2011, eq. 12.230). A lever of zero
@@ -141,37 +119,21 @@ def with_levers(block: Mapping[str, Any], place: str, parser: ValueParser) -> Ma
         mend = "Add position = [x, y] in m, x ahead and y to starboard."
         raise parser.error(place, "has an azimuth and no position.", mend)
     if "direction" in block or "azimuth" in block:
-        _refuse_both(block, "direction" if "direction" in block else "azimuth", ("surge", "sway"), place, parser)
+        parser.refuse_both(block, "direction" if "direction" in block else "azimuth", ("surge", "sway"), place)
         direction = math.radians(parser.number(block.get("direction", 0.0), f"{place} direction"))
         levers = {"surge": math.cos(direction), "sway": math.sin(direction)}
     if "position" in block:
-        _refuse_both(block, "position", ("yaw_arm",), place, parser)
+        parser.refuse_both(block, "position", ("yaw_arm",), place)
         if not levers and not {"surge", "sway"} & block.keys():
             mend = "Add direction = 0 for thrust ahead, in deg, positive to starboard."
             raise parser.error(place, "has a position and no direction.", mend)
-        x, y = position_of(block, place, parser)
+        x, y = parser.place_of(block, place)
         known = {key: parser.number(block.get(key, 0.0), f"{place} {key}") for key in ("surge", "sway")} | levers
         levers["yaw_arm"] = x * known["sway"] - y * known["surge"]
     return {**block, **{key: value for key, value in levers.items() if abs(value) > _ROUNDING}}
 
 
-def position_of(block: Mapping[str, Any], place: str, parser: ValueParser) -> tuple[float, float]:
-    """The ``position`` of a block in m; `ConfigError` if it is not two numbers."""
-    pair = block["position"]
-    if not isinstance(pair, list) or len(pair) != 2:
-        text = f"is {pair!r}; two numbers in m were expected, ahead and to starboard."
-        raise parser.error(f"{place} position", text, "Write position = [-0.4, 0.2].")
-    x, y = (parser.number(number, f"{place} position") for number in pair)
-    return x, y
-
-
-def _refuse_both(block: Mapping[str, Any], key: str, others: tuple[str, ...], place: str, parser: ValueParser) -> None:
-    twice = [other for other in others if other in block]
-    if twice:
-        raise parser.error(place, f"has {key} and {twice[0]}; one of them was expected.", "Delete one.")
-
-
-def propeller_diameters(blocks: Sequence[Any], parser: ValueParser) -> dict[str, float | None]:
+def propeller_diameters(blocks: Sequence[Any], parser: ConfigValues) -> dict[str, float | None]:
     """Propeller diameter in m of each of [[thrusters]] by name; None where it is not given."""
     found: dict[str, float | None] = {}
     for index, block in enumerate(blocks):
@@ -187,7 +149,7 @@ def azimuth_of(thruster: Thruster) -> Thruster:
 
 
 def planar_rudder(
-    block: Mapping[str, Any], name: str, diameters: Mapping[str, float | None], parser: ValueParser
+    block: Mapping[str, Any], name: str, diameters: Mapping[str, float | None], parser: ConfigValues
 ) -> Thruster:
     """A rudder of the coupled model; ``diameters`` are those of the thrusters' propellers in m, None where unknown.
 
@@ -195,16 +157,14 @@ def planar_rudder(
     steered wheels.
     """
     place = f"[[rudders]] {name!r}"
-    if "angle" not in block:
-        raise parser.error(place, "has no angle.", 'Add angle = { csv = "COLUMN", unit = "deg" }.')
+    parser.require(block, "angle", place, _ANGLE)
     if "wheelbase" in block:
         raise parser.error(
             place, "is steered wheels, which surge, sway and yaw together do not have.", "Leave --axes planar out."
         )
-    if "position" not in block:
-        mend = "Add position = [x, y] in m from the origin, x ahead (aft is negative) and y to starboard."
-        raise parser.error(place, "has no position.", mend)
-    x, y = position_of(block, place, parser)
+    mend = "Add position = [x, y] in m from the origin, x ahead (aft is negative) and y to starboard."
+    parser.require(block, "position", place, mend)
+    x, y = parser.place_of(block, place)
     numbers = {
         key: parser.number(block[key], f"{place} {key}", positive=key != "coefficient")
         for key in ("area", "lift", "coefficient", "slipstream", "stall")
