@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from rovid.cli import completion, context
-from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, ParameterFile, argument, option
+from rovid.cli import context
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 
@@ -18,21 +15,16 @@ if TYPE_CHECKING:
 
 
 def compare(
-    campaigns: Annotated[
-        list[Path] | None,
-        argument("A B", "Two folders of logs or parameter files. A missing one is the current parameter file."),
-    ] = None,
+    campaigns: list[Path] | None = None,
     *,
-    axis: AxisName = None,
-    axes: Axes = None,
-    parameters: ParameterFile = None,
-    output: Annotated[Path | None, option("PAGE", "Write a self-contained HTML page.", "--output", "-o")] = None,
-    matters: Annotated[
-        float, option("PERCENT", "Change of drag or inertia that has to be detectable.", min=0.1, max=100.0)
-    ] = 10.0,
-    cutoff: Cutoff = None,
-    force: Force = False,
-    json: Json = False,
+    axis: str | None = None,
+    axes: str | None = None,
+    parameters: Path | None = None,
+    output: Path | None = None,
+    matters: float = 10.0,
+    cutoff: float | None = None,
+    force: bool = False,
+    json: bool = False,
 ) -> None:
     """Find what changed between two campaigns."""
     given = campaigns or []
@@ -137,28 +129,17 @@ def _compare_planar(given: list[Path], parameters: Path | None, matters: float, 
 
 
 def fleet(
-    folders: Annotated[list[Path], argument("FOLDERS", "Campaigns, or folders that contain campaigns at any depth.")],
+    folders: list[Path],
     *,
-    output: Annotated[Path, option("OUT", "Folder for the table, the page and the diagnoses.", "--output", "-o")],
-    jobs: Annotated[
-        int | None, option("N", "Number of campaigns at a time. Default: the number of cores.", min=1)
-    ] = None,
-    cluster: Annotated[str, option("ADDRESS", "Scheduler of a Dask cluster to use instead of this machine.")] = "",
-    timeout: Annotated[float, option("SECONDS", "Time limit for each campaign in s.", min=1e-3)] = 3600.0,
-    shrink: Annotated[
-        bool, typer.Option("--shrink", help="Treat the vehicles as sisters: add hierarchical means to the table.")
-    ] = False,
-    axis: Annotated[
-        str | None,
-        option(
-            "AXIS",
-            "Degree of freedom: yaw, surge, sway, heave, roll or pitch. Default: yaw.",
-            autocompletion=completion.axes,
-        ),
-    ] = None,
-    cutoff: Cutoff = None,
-    force: Force = False,
-    json: Json = False,
+    output: Path,
+    jobs: int | None = None,
+    cluster: str = "",
+    timeout: float = 3600.0,
+    shrink: bool = False,
+    axis: str | None = None,
+    cutoff: float | None = None,
+    force: bool = False,
+    json: bool = False,
 ) -> None:
     """Diagnose many campaigns and summarise them."""
     from rovid.fleet.run import FleetOptions, fleet_document, run_fleet, show_fleet

@@ -14,9 +14,8 @@ import typer
 from typer.main import get_command
 
 from rovid import __version__
-from rovid.cli import completion
 from rovid.cli.context import console, print_json
-from rovid.cli.options import FIRST_SESSION, Json, ManualCommand, ManualGroup, Page, argument
+from rovid.cli.options import FIRST_SESSION, ManualCommand, ManualGroup, Page, described
 from rovid.cli.streams import machine_error, prepare_streams
 from rovid.core import threads
 from rovid.core.errors import RovidError
@@ -93,13 +92,7 @@ def _root(
 
 
 def help(  # noqa: A001 - the command's own name
-    context: typer.Context,
-    words: Annotated[
-        list[str] | None,
-        argument("TOPIC", "A page, an effect or a command. Default: list all.", autocompletion=completion.topics),
-    ] = None,
-    *,
-    json: Json = False,
+    context: typer.Context, words: list[str] | None = None, *, json: bool = False
 ) -> None:
     """Print a page of the documentation."""
     from rovid.present.terminal.topics import show_topic, show_topics, topic_names, topic_text, topic_title
@@ -144,6 +137,6 @@ _MODULES = {
 }
 for _name, _page in MANUAL.items():
     _function = _name.replace("-", "_")
-    _run = getattr(import_module(f"rovid.cli.{_MODULES.get(_name, _function)}"), _function)
+    _run = described(_name, getattr(import_module(f"rovid.cli.{_MODULES.get(_name, _function)}"), _function))
     # The docstring is the first line of the help.
     app.command(_name, cls=ManualCommand, help=f"{_run.__doc__}\n\n{_page.text}", epilog=_page.epilog)(_run)

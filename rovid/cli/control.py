@@ -1,51 +1,30 @@
 """``rovid control``."""
 
 from pathlib import Path
-from typing import Annotated
 
 from rovid.cli import context
-from rovid.cli.options import EffectsFrom, ForceGuess, Json, OptionalLogs, ParameterFile, add_effects, option
+from rovid.cli.options import add_effects
 from rovid.cli.streams import progress
 
 
 def control(
-    logs: OptionalLogs = None,
+    logs: list[Path] | None = None,
     *,
-    kp: Annotated[float | None, option("GAIN", "Heading gain in N m/rad; requires --kd.")] = None,
-    kd: Annotated[float | None, option("GAIN", "Yaw rate gain in N m s/rad; requires --kp.")] = None,
-    damping: Annotated[float, option("RATIO", "Damping ratio, unless --kp and --kd are given.")] = 0.7,
-    bandwidth: Annotated[
-        float | None,
-        option(
-            "RAD/S",
-            "Natural frequency in rad/s. Default: the largest one with a phase margin of 45 deg, a sensitivity "
-            "peak of 1.6 and a delay margin of at least the delay of the loop, within the limits of noise and "
-            "actuators.",
-        ),
-    ] = None,
-    period: Annotated[float, option("S", "Sampling period of the controller in s.")] = 0.1,
-    delay: Annotated[float, option("S", "Delay from heading to command in s.")] = 0.0,
-    rate_filter: Annotated[
-        float | None,
-        option("S", "Time constant of the low-pass filter of the rate in s. Default: chosen by the design."),
-    ] = None,
-    law: Annotated[
-        str,
-        option(
-            "NAME",
-            "Control law: model, or the heading loop of an autopilot: ardusub, ardurover (PID on the yaw rate, with "
-            "filters) or px4 (PD).",
-        ),
-    ] = "model",
-    step: Annotated[
-        list[str] | None, option("FROM:TO", "Simulate one more heading step, in deg, as 350:40. Repeatable.")
-    ] = None,
-    c: Annotated[Path | None, option("FILE", "Write the controller as C.")] = None,
-    python: Annotated[Path | None, option("FILE", "Write the controller as Python.")] = None,
-    parameters: ParameterFile = None,
-    force: ForceGuess = False,
-    effects_from: EffectsFrom = None,
-    json: Json = False,
+    kp: float | None = None,
+    kd: float | None = None,
+    damping: float = 0.7,
+    bandwidth: float | None = None,
+    period: float = 0.1,
+    delay: float = 0.0,
+    rate_filter: float | None = None,
+    law: str = "model",
+    step: list[str] | None = None,
+    c: Path | None = None,
+    python: Path | None = None,
+    parameters: Path | None = None,
+    force: bool = False,
+    effects_from: list[Path] | None = None,
+    json: bool = False,
 ) -> None:
     """Design a heading controller."""
     add_effects(effects_from)

@@ -1,26 +1,28 @@
 """``rovid diagnose``."""
 
 from dataclasses import replace
+from pathlib import Path
 
-from rovid.cli import options, sessions
+from rovid.cli import sessions
 from rovid.cli.context import compile_in_background, is_planar, prefetch_logs
+from rovid.cli.options import add_effects
 from rovid.cli.streams import progress
 
 
 def diagnose(
-    logs: options.OptionalLogs = None,
+    logs: list[Path] | None = None,
     *,
-    axis: options.AxisName = None,
-    axes: options.Axes = None,
-    parameters: options.ParameterFile = None,
-    cutoff: options.Cutoff = None,
-    budget: options.TimeBudget = None,
-    force: options.Force = False,
-    effects_from: options.EffectsFrom = None,
-    json: options.Json = False,
+    axis: str | None = None,
+    axes: str | None = None,
+    parameters: Path | None = None,
+    cutoff: float | None = None,
+    budget: float | None = None,
+    force: bool = False,
+    effects_from: list[Path] | None = None,
+    json: bool = False,
 ) -> None:
     """Find the errors of the simulation and their causes."""
-    options.add_effects(effects_from)
+    add_effects(effects_from)
     if is_planar(axes, axis, cutoff=cutoff):
         from rovid.present.documents.planar import planar_diagnosis_document
         from rovid.present.terminal.planar import show_planar_diagnosis

@@ -1,11 +1,9 @@
 """``rovid effect`` and ``rovid discover``: effects of the user's own, and formulas of the unexplained torque."""
 
 from pathlib import Path
-from typing import Annotated
 
-from rovid.cli import completion
 from rovid.cli.context import compile_in_background, console, named_axis, open_logs, print_json
-from rovid.cli.options import AxisName, EffectsFrom, Force, Json, Logs, TimeBudget, add_effects, argument, option
+from rovid.cli.options import add_effects
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError, suggestion
 
@@ -13,13 +11,13 @@ _ACTIONS = ("new", "try")
 
 
 def effect(
-    action: Annotated[str, argument("ACTION", "What to do: new or try.", autocompletion=completion.effect_actions)],
-    name: Annotated[str, argument("NAME", "The name of a new effect, or the file of one.")],
-    logs: Annotated[list[Path] | None, argument("LOGS", "Logs to try the effect on.")] = None,
+    action: str,
+    name: str,
+    logs: list[Path] | None = None,
     *,
-    axis: AxisName = None,
-    force: Force = False,
-    json: Json = False,
+    axis: str | None = None,
+    force: bool = False,
+    json: bool = False,
 ) -> None:
     """Write an effect of your own, or try it on logs."""
     if action not in _ACTIONS:
@@ -79,17 +77,15 @@ def _try(path: Path, logs: list[Path], axis: str | None, *, json: bool) -> None:
 
 
 def discover(
-    logs: Logs,
+    logs: list[Path],
     *,
-    write: Annotated[
-        Path | None, option("FILE.py", "Write the best formula as an effect, which has the name of the file.")
-    ] = None,
-    plot: Annotated[Path | None, option("FILE.png", "Plot the best formula over the unexplained torque.")] = None,
-    axis: AxisName = None,
-    budget: TimeBudget = None,
-    effects_from: EffectsFrom = None,
-    force: Force = False,
-    json: Json = False,
+    write: Path | None = None,
+    plot: Path | None = None,
+    axis: str | None = None,
+    budget: float | None = None,
+    effects_from: list[Path] | None = None,
+    force: bool = False,
+    json: bool = False,
 ) -> None:
     """Find a formula that predicts the unexplained torque."""
     add_effects(effects_from)

@@ -2,33 +2,21 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
-from rovid.cli import completion, context
-from rovid.cli.options import Axes, EffectsFrom, ForceGuess, Json, ParameterFile, add_effects, argument, option
+from rovid.cli import context
+from rovid.cli.options import add_effects
 from rovid.cli.streams import progress
-from rovid.export import FORMATS
 
 
 def export(
-    format: Annotated[  # noqa: A002 - the word that the help shows
-        str, argument("FORMAT", f"One of {', '.join(FORMATS)}.", autocompletion=completion.formats)
-    ],
+    format: str,  # noqa: A002 - the word that the help shows
     *,
-    output: Annotated[
-        Path | None,
-        option(
-            "FILE",
-            "The new file. Default: the name of the format, as gz_sim.sdf. uuv writes .xacro or .yaml.",
-            "--output",
-            "-o",
-        ),
-    ] = None,
-    axes: Axes = None,
-    parameters: ParameterFile = None,
-    force: ForceGuess = False,
-    effects_from: EffectsFrom = None,
-    json: Json = False,
+    output: Path | None = None,
+    axes: str | None = None,
+    parameters: Path | None = None,
+    force: bool = False,
+    effects_from: list[Path] | None = None,
+    json: bool = False,
 ) -> None:
     """Write the model in the format of a simulator."""
     add_effects(effects_from)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import typer
-
-from rovid.cli import completion, options
 from rovid.cli.context import compile_in_background, is_planar
+from rovid.cli.options import add_effects
 from rovid.cli.sessions import fit_and_store, open_planar_session, open_session, print_result, store_planar_fit
 from rovid.cli.streams import progress
 
@@ -19,13 +18,13 @@ if TYPE_CHECKING:
 
 
 def fit_drag(
-    logs: options.Logs,
+    logs: list[Path],
     *,
-    axis: options.AxisName = None,
-    parameters: options.ParameterFile = None,
-    cutoff: options.Cutoff = None,
-    force: options.Force = False,
-    json: options.Json = False,
+    axis: str | None = None,
+    parameters: Path | None = None,
+    cutoff: float | None = None,
+    force: bool = False,
+    json: bool = False,
 ) -> None:
     """Fit drag from steady turns."""
     from rovid.preflight.check import drag_without_feedback
@@ -39,13 +38,13 @@ def fit_drag(
 
 
 def fit_inertia(
-    logs: options.OptionalLogs = None,
+    logs: list[Path] | None = None,
     *,
-    axis: options.AxisName = None,
-    parameters: options.ParameterFile = None,
-    cutoff: options.Cutoff = None,
-    force: options.Force = False,
-    json: options.Json = False,
+    axis: str | None = None,
+    parameters: Path | None = None,
+    cutoff: float | None = None,
+    force: bool = False,
+    json: bool = False,
 ) -> None:
     """Fit inertia from sines by four methods."""
     _fit_inertia(open_session(logs, parameters, axis, cutoff, force=force), json=json)
@@ -57,27 +56,20 @@ def _fit_inertia(session: FitSession[Study], *, json: bool) -> None:
 
 
 def fit(
-    logs: options.OptionalLogs = None,
+    logs: list[Path] | None = None,
     *,
-    effect: Annotated[
-        list[str] | None,
-        options.option(
-            "ID", "Add this effect to the model, as thruster_lag. Repeatable.", autocompletion=completion.effects
-        ),
-    ] = None,
-    gyro: Annotated[
-        bool, typer.Option("--gyro", help="Also fit the logged rates, if they come from a gyro of their own.")
-    ] = False,
-    axis: options.AxisName = None,
-    axes: options.Axes = None,
-    parameters: options.ParameterFile = None,
-    cutoff: options.Cutoff = None,
-    force: options.Force = False,
-    effects_from: options.EffectsFrom = None,
-    json: options.Json = False,
+    effect: list[str] | None = None,
+    gyro: bool = False,
+    axis: str | None = None,
+    axes: str | None = None,
+    parameters: Path | None = None,
+    cutoff: float | None = None,
+    force: bool = False,
+    effects_from: list[Path] | None = None,
+    json: bool = False,
 ) -> None:
     """Fit all parameters by maximum likelihood."""
-    options.add_effects(effects_from)
+    add_effects(effects_from)
     names = list(dict.fromkeys(effect or ()))
     if is_planar(axes, axis, gyro=gyro, cutoff=cutoff):
         from rovid.present.documents.planar import planar_fit_document

@@ -2,37 +2,23 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from rovid.cli import completion
 from rovid.cli.context import announce_compilation, console, is_planar, named_axis, print_json, reserve_outputs
-from rovid.cli.options import Axes, AxisName, Force, Json, Logs, argument, option
 from rovid.core.errors import LINE_LENGTH, DataError, display_text
 
 
 def init(
-    logs: Logs,
+    logs: list[Path],
     *,
-    vehicle: Annotated[
-        str | None,
-        option(
-            "TYPE",
-            "Type of vehicle, as bluerov2-heavy, or your own preset file, as my_rov.toml.",
-            autocompletion=completion.vehicles,
-        ),
-    ] = None,
-    heading: Annotated[
-        str | None, option("COLUMN", "Column or topic of the heading, or of the position along --axis.")
-    ] = None,
-    command: Annotated[
-        str | None, option("COLUMN,…", "Columns or topics of the thruster commands, separated by commas.")
-    ] = None,
-    axis: AxisName = None,
-    axes: Axes = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing rovid.toml.")] = False,
-    json: Json = False,
+    vehicle: str | None = None,
+    heading: str | None = None,
+    command: str | None = None,
+    axis: str | None = None,
+    axes: str | None = None,
+    force: bool = False,
+    json: bool = False,
 ) -> None:
     """Write a first rovid.toml for your logs."""
     from rovid.core.output_files import OutputSet
@@ -56,7 +42,7 @@ def init(
         show_survey(console(), found, written)
 
 
-def check(logs: Logs, *, axis: AxisName = None, axes: Axes = None, json: Json = False) -> None:
+def check(logs: list[Path], *, axis: str | None = None, axes: str | None = None, json: bool = False) -> None:
     """Check the logs and list their content and problems."""
     planar = is_planar(axes, axis)
     from rovid.present.console import show_caution
@@ -93,14 +79,7 @@ def check(logs: Logs, *, axis: AxisName = None, axes: Axes = None, json: Json = 
         raise DataError(f"{lead}{problem}")
 
 
-def convert(
-    log: Annotated[Path, argument("LOG", "A log in any supported format; see rovid help logs.")],
-    *,
-    output: Annotated[Path, option("FILE", "The new file: .csv, .mcap or .parquet.", "--output", "-o")],
-    axis: AxisName = None,
-    force: Force = False,
-    json: Json = False,
-) -> None:
+def convert(log: Path, *, output: Path, axis: str | None = None, force: bool = False, json: bool = False) -> None:
     """Convert a log to another format."""
     from rovid.readers.convert import convert as convert_log
     from rovid.readers.convert import output_at

@@ -1,10 +1,13 @@
-"""Manual pages of the commands as plain text, and options that several commands share."""
+"""Manual pages of the commands as plain text, and the descriptions of their arguments and options."""
 
+import inspect
 import re
 import textwrap
+import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -12,6 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 from rovid.cli import completion
 from rovid.core.errors import ConfigError
 
+_OPTIONS = tomllib.loads(Path(__file__).with_name("options.toml").read_text(encoding="utf-8"))
 _EXIT = """\
 Exit status:
   0  Success.
@@ -112,84 +116,29 @@ def _wrap_line(line: str, width: int) -> str:
     return f"{end}\n".join(lines)
 
 
-def argument(metavar: str, help: str, **settings: Any) -> Any:  # noqa: A002 - typer's word
-    """A command's argument without a default in the help."""
-    return typer.Argument(metavar=metavar, help=help, show_default=False, **settings)
+def described(command: str, function: Callable[..., None]) -> Callable[..., None]:
+    """The ``function`` of a command with the descriptions of its arguments and options in options.toml."""
+    hints = get_type_hints(function)
+    for parameter in inspect.signature(function).parameters.values():
+        if hints[parameter.name] is not typer.Context:
+            described = {**_OPTIONS["shared"], **_OPTIONS.get(command, {})}[parameter.name]
+            hints[parameter.name] = Annotated[hints[parameter.name], _description(parameter, dict(described))]
+    function.__annotations__ = hints
+    return function
 
 
-def option(metavar: str, help: str, *names: str, **settings: Any) -> Any:  # noqa: A002 - typer's word
-    """A command's option; its name is the parameter's unless ``names`` are given."""
-    return typer.Option(*names, metavar=metavar, help=help, **settings)
-
-
-Logs = Annotated[list[Path], argument("LOGS", "A folder of logs, or single logs.")]
-OptionalLogs = Annotated[
-    list[Path] | None,
-    argument("LOGS", "A folder of logs, or single logs. Default: the logs named in the parameter file."),
-]
-ParameterFile = Annotated[
-    Path | None,
-    option(
-        "FILE",
-        "Parameter file. Default: parameters.toml, or parameters_AXIS.toml for an axis other than yaw; "
-        "parameters_planar.toml with --axes planar.",
-        "--parameters",
-        "-p",
-    ),
-]
-AxisName = Annotated[
-    str | None,
-    option(
-        "AXIS",
-        "Degree of freedom: yaw, surge, sway, heave, roll or pitch. Default: that of the parameter file, or yaw.",
-        autocompletion=completion.axes,
-    ),
-]
-Axes = Annotated[
-    str | None,
-    option(
-        "AXES",
-        "Degrees of freedom in one coupled model: planar, for surge, sway and yaw in a current.",
-        autocompletion=completion.axis_sets,
-    ),
-]
-Cutoff = Annotated[
-    float | None,
-    option("HZ", "Cut-off frequency of the low-pass filter for rates, in Hz. Default: chosen from the data.", min=1e-3),
-]
-Force = Annotated[
-    bool, typer.Option("--force", help="Replace files that rovid did not write. Input files are never replaced.")
-]
-ForceGuess = Annotated[
-    bool,
-    typer.Option(
-        "--force",
-        help="Continue although arms or thrust curves are guesses, and replace files that rovid did not write. Input "
-        "files are never replaced.",
-    ),
-]
-TimeBudget = Annotated[
-    float | None,
-    option(
-        "SECONDS",
-        "Longest time of the diagnosis, without reading the logs; it then answers with what it has. Default: 60 for "
-        "each hour of logs.",
-        "--budget",
-        min=1.0,
-        envvar="ROVID_BUDGET",
-        show_envvar=False,
-    ),
-]
-EffectsFrom = Annotated[
-    list[Path] | None,
-    option(
-        "FILE.py",
-        "Add the effects in this Python file to the catalogue. The file is run. Repeatable. `rovid effect new` writes "
-        "such a file.",
-        "--effects-from",
-    ),
-]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on standard output and nothing else.")]
+def _description(parameter: inspect.Parameter, settings: dict[str, Any]) -> Any:
+    """An argument if it may be given by position, else an option; a flag that is off has no opposite."""
+    names = [f"--{parameter.name.replace('_', '-')}"] * (parameter.default is False)
+    names = settings.pop("names", names)
+    settings["metavar"] = settings.pop("value", None)
+    if complete := settings.pop("complete", ""):
+        settings["autocompletion"] = values = getattr(completion, complete)
+        if "{values}" in settings["help"]:
+            settings["help"] = settings["help"].format(values=", ".join(values()))
+    if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
+        return typer.Option(*names, **settings)
+    return typer.Argument(show_default=False, **settings)
 
 
 def add_effects(files: list[Path] | None) -> None:

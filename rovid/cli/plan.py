@@ -6,12 +6,10 @@ import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from rovid.cli import completion, context
-from rovid.cli.options import Axes, AxisName, EffectsFrom, Force, Json, OptionalLogs, ParameterFile, add_effects, option
+from rovid.cli import context
+from rovid.cli.options import add_effects
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 
@@ -23,55 +21,24 @@ if TYPE_CHECKING:
 
 
 def plan(
-    logs: OptionalLogs = None,
+    logs: list[Path] | None = None,
     *,
-    between: Annotated[
-        list[str] | None,
-        option(
-            "ID", "Distinguish this effect from another one. Give the option twice.", autocompletion=completion.effects
-        ),
-    ] = None,
-    narrow: Annotated[
-        str | None,
-        option(
-            "PARAMETER",
-            "Narrow the interval of this parameter, as linear_drag. Default: the least certain parameter.",
-            autocompletion=completion.parameters,
-        ),
-    ] = None,
-    effect: Annotated[
-        list[str] | None,
-        option("EFFECT", "Add an effect to the model. May be repeated.", autocompletion=completion.effects),
-    ] = None,
-    share: Annotated[
-        float, option("SHARE", "Largest command relative to the largest in the logs.", min=0.05, max=1.0)
-    ] = 1.0,
-    minutes: Annotated[float, option("MINUTES", "Longest run in minutes.", min=0.1)] = 10.0,
-    max_rate: Annotated[
-        float | None, option("RATE", "Largest rate: deg/s, or m/s along surge, sway and heave. Default: no limit.")
-    ] = None,
-    turns: Annotated[
-        float | None, option("TURNS", "Largest distance: turns, or m along surge, sway and heave. Default: no limit.")
-    ] = None,
-    design: Annotated[
-        bool, typer.Option("--design", help="Also optimise levels and switching times of a run within the limits.")
-    ] = False,
-    matrix: Annotated[
-        bool,
-        typer.Option(
-            "--matrix",
-            help="Show which pairs of causes a programme separates, and after how many minutes: the runs of LOGS if "
-            "given, otherwise rovid's standard runs. Without any log, the model follows from mass and size. Writes no "
-            "file.",
-        ),
-    ] = False,
-    output: Annotated[Path, option("FILE", "The command file.", "--output", "-o")] = Path("plan.csv"),
-    axis: AxisName = None,
-    axes: Axes = None,
-    parameters: ParameterFile = None,
-    force: Force = False,
-    effects_from: EffectsFrom = None,
-    json: Json = False,
+    between: list[str] | None = None,
+    narrow: str | None = None,
+    effect: list[str] | None = None,
+    share: float = 1.0,
+    minutes: float = 10.0,
+    max_rate: float | None = None,
+    turns: float | None = None,
+    design: bool = False,
+    matrix: bool = False,
+    output: Path = Path("plan.csv"),
+    axis: str | None = None,
+    axes: str | None = None,
+    parameters: Path | None = None,
+    force: bool = False,
+    effects_from: list[Path] | None = None,
+    json: bool = False,
 ) -> None:
     """Design the next run."""
     add_effects(effects_from)

@@ -1,11 +1,10 @@
 """``rovid report``."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-
-from rovid.cli import context, options
+from rovid.cli import context
+from rovid.cli.options import add_effects
 from rovid.cli.sessions import open_planar_session, store_planar_fit
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
@@ -14,44 +13,25 @@ _JOURNAL_WIDTHS = ("84mm", "174mm")
 
 
 def report(
-    logs: options.OptionalLogs = None,
+    logs: list[Path] | None = None,
     *,
-    axis: options.AxisName = None,
-    axes: options.Axes = None,
-    parameters: options.ParameterFile = None,
-    output: Annotated[
-        Path | None,
-        options.option(
-            "FOLDER",
-            "Folder for page and plots. Default: report, or report_AXIS for another axis, or report_planar.",
-            "--output",
-            "-o",
-        ),
-    ] = None,
-    diagnosis: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Include the diagnosis.")] = True,
-    control: Annotated[bool, typer.Option("--control/--no-control", help="Include a heading controller.")] = True,
-    export: Annotated[
-        bool, typer.Option("--export/--no-export", help="Include what each simulator's format can hold.")
-    ] = True,
-    pdf: Annotated[
-        bool, typer.Option("--pdf", help="Also print report.pdf, with the Chromium, Chrome or Edge of this machine.")
-    ] = False,
-    journal: Annotated[
-        list[str] | None,
-        options.option(
-            "WIDTH",
-            "Also write the plots for a journal, 84 or 174 mm wide at 300 dpi, into plots/WIDTH. Repeatable.",
-            "--journal",
-        ),
-    ] = None,
-    cutoff: options.Cutoff = None,
-    budget: options.TimeBudget = None,
-    force: options.Force = False,
-    effects_from: options.EffectsFrom = None,
-    json: options.Json = False,
+    axis: str | None = None,
+    axes: str | None = None,
+    parameters: Path | None = None,
+    output: Path | None = None,
+    diagnosis: bool = True,
+    control: bool = True,
+    export: bool = True,
+    pdf: bool = False,
+    journal: list[str] | None = None,
+    cutoff: float | None = None,
+    budget: float | None = None,
+    force: bool = False,
+    effects_from: list[Path] | None = None,
+    json: bool = False,
 ) -> None:
     """Write all results on one page."""
-    options.add_effects(effects_from)
+    add_effects(effects_from)
     widths = list(map(_journal_width, journal or ()))
     planar = context.is_planar(axes, axis, cutoff=cutoff)
     if not planar:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from rovid.cli.context import print_json
-from rovid.cli.options import Json, TimeBudget, argument, option
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -19,16 +18,12 @@ if TYPE_CHECKING:
 
 
 def open(  # noqa: A001 - the command's name
-    logs: Annotated[
-        list[Path] | None, argument("LOGS", "A folder of logs, or single logs. Default: chosen on the page.")
-    ] = None,
+    logs: list[Path] | None = None,
     *,
-    browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open a browser, or only print the address.")
-    ] = True,
-    budget: TimeBudget = None,
-    port: Annotated[int, option("PORT", "Port of this machine; 0 is a free port.", min=0, max=65535)] = 0,
-    json: Json = False,
+    browser: bool = True,
+    budget: float | None = None,
+    port: int = 0,
+    json: bool = False,
 ) -> None:
     """Set up, fit and diagnose on a page in the browser."""
     from rovid.core.input_files import require_exists

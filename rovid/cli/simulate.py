@@ -1,30 +1,27 @@
 """``rovid simulate``."""
 
 from pathlib import Path
-from typing import Annotated
 
-from rovid.cli import context, options
+from rovid.cli import context
+from rovid.cli.options import add_effects
 from rovid.cli.streams import progress
 from rovid.core.errors import DataError
 
 
 def simulate(
-    logs: options.OptionalLogs = None,
+    logs: list[Path] | None = None,
     *,
-    axis: options.AxisName = None,
-    axes: options.Axes = None,
-    parameters: options.ParameterFile = None,
-    cutoff: options.Cutoff = None,
-    mcap: Annotated[
-        Path | None,
-        options.option("OUT", "Write measurement, simulation and residual as MCAP: a file for one run, else a folder."),
-    ] = None,
-    force: options.Force = False,
-    effects_from: options.EffectsFrom = None,
-    json: options.Json = False,
+    axis: str | None = None,
+    axes: str | None = None,
+    parameters: Path | None = None,
+    cutoff: float | None = None,
+    mcap: Path | None = None,
+    force: bool = False,
+    effects_from: list[Path] | None = None,
+    json: bool = False,
 ) -> None:
     """Simulate the runs and compare with the logs."""
-    options.add_effects(effects_from)
+    add_effects(effects_from)
     from rovid.present.console import show_caution, show_faults, show_warnings
     from rovid.trial.fault import fault_texts
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from rovid.cli import completion
 from rovid.cli.context import console, existing_parameters, print_json
-from rovid.cli.options import Force, Json, argument, option
 from rovid.core.errors import ConfigError, suggestion
 
 if TYPE_CHECKING:
@@ -16,23 +14,14 @@ if TYPE_CHECKING:
 
 
 def fit_thruster(
-    bench: Annotated[Path, argument("BENCH", "A CSV file of measured commands and thrusts.")],
+    bench: Path,
     *,
-    output: Annotated[
-        Path | None, option("FILE", "The new file. Default: BENCH_curve.csv in the working folder.", "--output", "-o")
-    ] = None,
-    command: Annotated[str | None, option("COLUMN", "Column of the command. Default: found by its name.")] = None,
-    thrust: Annotated[str | None, option("COLUMN", "Column of the thrust. Default: found by its name.")] = None,
-    unit: Annotated[
-        str | None,
-        option(
-            "UNIT",
-            f"Unit of the thrust: {', '.join(completion.THRUST_UNITS)}. Default: the unit in the column's name.",
-            autocompletion=completion.thrust_units,
-        ),
-    ] = None,
-    force: Force = False,
-    json: Json = False,
+    output: Path | None = None,
+    command: str | None = None,
+    thrust: str | None = None,
+    unit: str | None = None,
+    force: bool = False,
+    json: bool = False,
 ) -> None:
     """Fit a thrust curve to bench measurements."""
     from rovid.core.output_files import CURVE, OutputFile, OutputSet
@@ -56,17 +45,13 @@ def fit_thruster(
 
 
 def fit_thrust_scale(
-    tests: Annotated[
-        Path | None, argument("TESTS", "A CSV file of pulls or lifts, below the folder of the rovid.toml.")
-    ] = None,
+    tests: Path | None = None,
     *,
-    before: Annotated[Path | None, option("FILE", "Parameter file without the added inertia.")] = None,
-    after: Annotated[Path | None, option("FILE", "Parameter file with the added inertia.")] = None,
-    added: Annotated[float | None, option("INERTIA", "The added inertia in kg m^2, or mass in kg.", min=1e-9)] = None,
-    reference_error: Annotated[
-        float, option("PERCENT", "Standard error of the balance, weight or added inertia.", min=0.0, max=50.0)
-    ] = 1.0,
-    json: Json = False,
+    before: Path | None = None,
+    after: Path | None = None,
+    added: float | None = None,
+    reference_error: float = 1.0,
+    json: bool = False,
 ) -> None:
     """Estimate the common scale of all thrust from a pull, a lift or a step of inertia."""
     from rovid.estimate.thrust_curve import scale_from_step

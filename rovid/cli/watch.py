@@ -9,12 +9,11 @@ from contextlib import contextmanager
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from rovid.cli.context import compile_in_background, console, parameters_at, reserve_outputs
-from rovid.cli.options import AxisName, Cutoff, Force, ParameterFile, TimeBudget, argument, option
 from rovid.cli.sessions import diagnose_study, store_estimate
 from rovid.core.errors import ConfigError, LogError
 
@@ -29,32 +28,21 @@ if TYPE_CHECKING:
 
 
 def watch(
-    folder: Annotated[Path, argument("FOLDER", "The folder that receives the logs.")],
+    folder: Path,
     *,
-    until: Annotated[
-        str | None,
-        option(
-            "TEXT",
-            "Stop when the 95 % intervals of parameters are this narrow, as in "
-            '"inertia 2 %, linear_drag 9 %", or when a cause is this probable, as in "thruster_lag 95 %".',
-        ),
-    ] = None,
-    once: Annotated[bool, typer.Option("--once", help="Use the logs as they are now, then end.")] = False,
-    no_diagnosis: Annotated[
-        bool, typer.Option("--no-diagnosis", help="Only fit: seconds after each log instead of minutes.")
-    ] = False,
-    output: Annotated[Path, option("FILE", "The command file of the next run.", "--output", "-o")] = Path("plan.csv"),
-    interval: Annotated[float, option("S", "Time between two checks in s.", min=0.05)] = 2.0,
-    whole: Annotated[float, option("S", "Time without changes before a log is read in s.", min=0.0)] = 5.0,
-    cut: Annotated[float, option("S", "The same for a truncated or unreadable log in s.", min=0.0)] = 60.0,
-    axis: AxisName = None,
-    parameters: ParameterFile = None,
-    cutoff: Cutoff = None,
-    budget: TimeBudget = None,
-    force: Force = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print JSON documents on standard output, one a line, and nothing else.")
-    ] = False,
+    until: str | None = None,
+    once: bool = False,
+    no_diagnosis: bool = False,
+    output: Path = Path("plan.csv"),
+    interval: float = 2.0,
+    whole: float = 5.0,
+    cut: float = 60.0,
+    axis: str | None = None,
+    parameters: Path | None = None,
+    cutoff: float | None = None,
+    budget: float | None = None,
+    force: bool = False,
+    json: bool = False,
 ) -> None:
     """Follow a trial day: results after each log, and the next run."""
     compile_in_background()
