@@ -107,7 +107,10 @@ class LogRegressors:
         """(n, 5) shapes of a torque of the heading, less their means: two harmonics, and the angle since the start."""
         parts = []
         for run in self._runs:
-            angle = run.rates.position[run.valid]
+            # Where the position is absent, a logged rate may be known.
+            time, known, angle = run.rates.time, np.isfinite(run.rates.position), np.zeros(int(run.valid.sum()))
+            if known.any():
+                angle = np.interp(time[run.valid], time[known], run.rates.position[known])
             columns = (*(each(k * angle) for k in (1.0, 2.0) for each in (np.sin, np.cos)), angle - angle[0])
             parts.append(np.column_stack([column - column.mean() for column in columns]))
         return np.concatenate(parts)

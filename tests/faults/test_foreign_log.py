@@ -11,6 +11,7 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import RunsData, examine
 from rovid.faults.foreign_log import DETECTORS, minority_payload
+from rovid.faults.quick_model import fit_quick_model
 from rovid.model.model import Model
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run
@@ -238,3 +239,15 @@ def test_a_cause_that_all_logs_share_is_no_foreign_log(vehicle: str, seed: int) 
 def test_three_logs_have_no_majority() -> None:
     runs = day("large", 0, {"hold_0.csv": scaled(model("large"), 3.0, 3.0)})[:3]
     assert not found(runs)[1]
+
+
+def test_a_heading_that_is_absent_where_a_gyro_is_logged_breaks_no_model() -> None:
+    runs = day("small", 3)
+    whole = fit_quick_model(runs, LOGGED)
+    rates = runs[4].rates
+    absent = rates.time > 0.3 * rates.time[-1]
+    gaps = replace(rates, position=np.where(absent, np.nan, rates.position))
+    found = fit_quick_model([*runs[:4], replace(runs[4], rates=gaps), *runs[5:]], LOGGED)
+    assert whole is not None
+    assert found is not None
+    assert abs(found.inertia / whole.inertia - 1.0) < 0.05  # the other logs hold their heading
