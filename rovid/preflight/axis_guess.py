@@ -6,22 +6,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
 from rovid.core.formatting import toml_text
 from rovid.preflight.command_effects import CommandEffect, command_effects
 from rovid.preflight.raw_columns import (
     COMMAND,
-    MIN_SAMPLES,
     SIDE,
+    Columns,
     RawColumn,
     SignalGuess,
+    SourceColumn,
     columns_by_source,
-    ending_unit,
-    finite_values,
     may_be_command,
     word_list,
 )
-from rovid.preflight.thruster_guess import Columns, ThrusterCommand, distinct_name, neutral_value, short_name
+from rovid.preflight.thruster_guess import ThrusterCommand, distinct_name, neutral_value, short_name
 from rovid.trial.axis import AXES, GEODETIC_UNITS, LENGTH_UNITS, Axis, name_words
 
 _NOT_MEASURED = word_list("axis", "not_measured") | COMMAND | SIDE
@@ -42,17 +40,12 @@ _ANGULAR_UNITS = {"deg", "rad", "deg/s", "rad/s"}
 def axis_signals(axis: Axis, columns: Columns, shared: Columns, chosen: str) -> dict[str, SignalGuess]:
     """Position and velocity along ``axis`` by name and unit; the user may have ``chosen`` one of them."""
     best: dict[str, tuple[int, SignalGuess]] = {}
-    for source, logged in columns.items():
-        if chosen and source != chosen and not axis.self_righting:
+    for source, column in columns.items():
+        if (chosen and source != chosen and not axis.self_righting) or not column.varies:
             continue
-        values = finite_values(logged)
-        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
-            continue
-        words = name_words(source)
-        unit = ending_unit(source)
-        rank = 9 if source == chosen else _axis_rank(axis, words, unit)
+        rank = 9 if source == chosen else _axis_rank(axis, column.words, column.unit)
         if rank:
-            name, guess = _axis_signal(axis, source, words, unit, values)
+            name, guess = _axis_signal(axis, column)
             if name not in best or rank > best[name][0]:
                 best[name] = (rank, guess)
     if axis.angular and axis.position_signal not in best:
@@ -78,13 +71,14 @@ def _axis_rank(axis: Axis, words: set[str], unit: str) -> int:
     return int(axis.name == "surge" and bool(words & _OVER_GROUND) and (not unit or unit in _VELOCITY_UNITS))
 
 
-def _axis_signal(axis: Axis, source: str, words: set[str], unit: str, values: FloatArray) -> tuple[str, SignalGuess]:
+def _axis_signal(axis: Axis, column: SourceColumn) -> tuple[str, SignalGuess]:
     """Name of the signal in rovid.toml, and the guess."""
+    words, unit, values = column.words, column.unit, column.values
     is_rate = unit in _VELOCITY_UNITS or (not unit and bool(words & (_SPEED | _OVER_GROUND)) and not words & _DEPTH)
     name = axis.rate_signal if is_rate else axis.position_signal
     if axis.name == "heave" and not is_rate and not words & (_DEPTH | _HEIGHT):
         name = "heave_position"
-    sign, reason = 1, f"by name; {values.min():.4g} to {values.max():.4g}"
+    sign, reason = 1, f"by name; {column.span}"
     if unit:
         detail = "; the unit by its name"
     elif not axis.angular:
@@ -95,7 +89,7 @@ def _axis_signal(axis: Axis, source: str, words: set[str], unit: str, values: Fl
         unit, detail = "rad" + "/s" * is_rate, "; assumed to be in radians"
     if words & _HEIGHT and not is_rate:
         sign, reason = -1, f"{reason}; a height, converted to a depth"
-    return name, SignalGuess(source=source, unit=unit, sign=sign, reason=reason + detail, is_rate=is_rate)
+    return name, SignalGuess(source=column.source, unit=unit, sign=sign, reason=reason + detail, is_rate=is_rate)
 
 
 Log = Mapping[str, RawColumn]
@@ -151,7 +145,7 @@ def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[Thrust
 def _free_columns(logs: Sequence[Log], taken: set[str]) -> Columns:
     """Columns that all logs have and that are not ``taken``."""
     columns = columns_by_source(logs)
-    return {source: found for source, found in columns.items() if len(found) == len(logs) and source not in taken}
+    return {name: one for name, one in columns.items() if len(one.logged) == len(logs) and name not in taken}
 
 
 def further_thrusters(
@@ -163,12 +157,12 @@ def further_thrusters(
     """
     found: list[ThrusterCommand] = []
     largest = {max(abs(one.lowest), abs(one.highest)) for one in commands}
-    for source, logged in _free_columns(logs, taken).items():
-        values, words = finite_values(logged), name_words(source)
-        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0 or not may_be_command(source, words):
+    for source, column in _free_columns(logs, taken).items():
+        if not column.varies or not may_be_command(source, column.words):
             continue
-        low, high, neutral = float(values.min()), float(values.max()), neutral_value(values)
-        is_named = neutral > 0.0 or words & (_SIDEWAYS | _AHEAD)  # Pulses have a neutral value of their own.
+        values, neutral = column.values, neutral_value(column.values)
+        low, high = float(values.min()), float(values.max())
+        is_named = neutral > 0.0 or column.words & (_SIDEWAYS | _AHEAD)  # Pulses have a neutral value of their own.
         size = max(abs(low), abs(high))
         if is_named and low <= neutral <= high and any(math.isclose(size, one, rel_tol=_ALIKE) for one in largest):
             name = distinct_name(short_name(source), [one.name for one in (*commands, *found)])
@@ -182,10 +176,9 @@ def further_thrusters(
 
 
 def _propeller(columns: Columns) -> tuple[str, float]:
-    for source, logged in columns.items():
-        values = finite_values(logged)
-        if name_words(source) & _PROPELLER and len(values) >= MIN_SAMPLES and np.any(values):
-            return source, float(np.max(np.abs(values)))
+    for source, column in columns.items():
+        if column.words & _PROPELLER and column.is_long and np.any(column.values):
+            return source, float(np.max(np.abs(column.values)))
     return "", 0.0
 
 
@@ -213,22 +206,19 @@ def propeller_lines(guesses: Mapping[str, PlanarGuess], curve: str = "") -> Iter
 
 def _position(name: str, columns: Columns) -> SignalGuess | None:
     """North or east in a unit of length, by the name of the column."""
-    for source, logged in columns.items():
-        words, unit, values = name_words(source), ending_unit(source), finite_values(logged)
-        if not words & _MAP[name] or words & _NOT_POSITION or (unit and unit not in LENGTH_UNITS):
-            continue
-        if len(values) >= MIN_SAMPLES and np.ptp(values) > 0.0:
-            reason = f"by name; {values.min():.4g} to {values.max():.4g}"
-            return SignalGuess(source=source, unit=unit or "m", reason=reason)
+    for source, column in columns.items():
+        words, unit = column.words, column.unit
+        if words & _MAP[name] and not words & _NOT_POSITION and unit in {"", *LENGTH_UNITS} and column.varies:
+            return SignalGuess(source=source, unit=unit or "m", reason=f"by name; {column.span}")
     return None
 
 
 def _fix(name: str, columns: Columns) -> SignalGuess | None:
     """Latitude or longitude by the name of the column and its range."""
     named, limit = _GLOBE[name]
-    for source, logged in columns.items():
-        values = finite_values(logged)
-        if not name_words(source) & named or name_words(source) & _NOT_POSITION or len(values) < MIN_SAMPLES:
+    for source, column in columns.items():
+        values = column.values
+        if not column.words & named or column.words & _NOT_POSITION or not column.is_long:
             continue
         low, high = np.quantile(values, (0.01, 0.99))
         unit = "deg" if max(-low, high) <= limit else _SCALED

@@ -13,10 +13,11 @@ from rovid.preflight.raw_columns import (
     MIN_SAMPLES,
     RATE,
     SUPPLY,
+    Columns,
     RawColumn,
     SignalGuess,
+    SourceColumn,
     ending_unit,
-    finite_values,
     held_mean,
     is_thruster_command,
     mean_rates,
@@ -58,7 +59,6 @@ _MAX_CANDIDATES = 8
 _FINE = 4
 
 Log = Mapping[str, RawColumn]
-Columns = Mapping[str, Sequence[RawColumn]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,19 +122,19 @@ def guess_rudder(
 ) -> tuple[RudderGuess, SignalGuess] | None:
     """The rudder or the steered wheels, and the speed, by name and motion."""
     chosen = hints.commands
-    angles = sorted((source for source in columns if _is_steering(source, columns[source], chosen)), key=_is_order)
+    angles = sorted((source for source in columns if _is_steering(columns[source], chosen)), key=_is_order)
     if not angles:
         return None
     source = angles[0]
     steered = [log for log in logs if source in log]
-    ranks = {name: rank for name, logged in columns.items() if (rank := _speed_rank(name, logged))}
+    ranks = {name: rank for name, column in columns.items() if (rank := _speed_rank(column))}
     ranks = {name: rank for name, rank in ranks.items() if name in chosen} or _given_speed(columns, chosen) or ranks
     common = [name for name in ranks if all(name in log for log in steered)]
     speeds = sorted(common or ranks, key=lambda name: -ranks[name])
     if not speeds:
         return None
     name, speed = _speed_signal(speeds[0])
-    largest = float(np.max(np.abs(finite_values(columns[source]))))
+    largest = float(np.max(np.abs(columns[source].values)))
     unit, origin = named_unit(source), "the unit by its name"
     if unit not in ANGLE_UNITS:
         unit, origin = ("deg", "more than a right angle in radians") if largest > _LARGEST_RAD else ("rad", "assumed")
@@ -145,10 +145,10 @@ def guess_rudder(
 
 def speed_question(columns: Columns) -> str:
     """What the user has to name where an angle of a rudder or of wheels is logged and no speed is recognised."""
-    angles = sorted((source for source in columns if _is_steering(source, columns[source], ())), key=_is_order)
-    if not angles or any(_speed_rank(name, logged) for name, logged in columns.items()):
+    angles = sorted((source for source in columns if _is_steering(columns[source], ())), key=_is_order)
+    if not angles or any(map(_speed_rank, columns.values())):
         return ""
-    others = [name for name, logged in columns.items() if name not in angles and np.ptp(finite_values(logged)) > 0.0]
+    others = [name for name, column in columns.items() if name not in angles and column.changes]
     candidates = ", ".join(others[:_MAX_CANDIDATES])
     return (
         f"{angles[0]} is the angle of a rudder or of wheels, by its name, and no column is a speed by its name. Name "
@@ -171,22 +171,21 @@ def _is_order(source: str) -> bool:
     return bool(name_words(source) & ORDER)
 
 
-def _is_steering(source: str, logged: Sequence[RawColumn], chosen: Sequence[str]) -> bool:
-    words = name_words(source)
-    if not words & _STEERING or words & _NOT_STEERING or (chosen and source not in chosen):
+def _is_steering(column: SourceColumn, chosen: Sequence[str]) -> bool:
+    words = column.words
+    if not words & _STEERING or words & _NOT_STEERING or (chosen and column.source not in chosen):
         return False
     if words & _STEERING == {"delta"} and words - ORDER - {"delta", "deg", "rad", "angle", "data", "f"}:
         return False  # A difference of another quantity.
-    values = finite_values(logged)
-    return len(values) >= MIN_SAMPLES and float(np.ptp(values)) > 0.0 and float(np.max(np.abs(values))) <= _LARGEST_DEG
+    return column.varies and float(np.max(np.abs(column.values))) <= _LARGEST_DEG
 
 
-def _speed_rank(source: str, logged: Sequence[RawColumn]) -> int:
+def _speed_rank(column: SourceColumn) -> int:
     """Rank of a column as the speed ahead by name; 0 for other quantities."""
-    words, unit, values = name_words(source), ending_unit(source), finite_values(logged)
+    words, unit, values = column.words, column.unit, column.values
     if words & _NOT_AHEAD or (unit and unit not in SPEED_UNITS):
         return 0
-    if len(values) < MIN_SAMPLES or not np.any(values):
+    if not column.is_long or not np.any(values):
         return 0
     named = words & (_AHEAD | _OVER_GROUND | {"vel", "velocity"}) or unit
     rank = 0

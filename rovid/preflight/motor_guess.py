@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.drive_guess import MIN_R2, ORDER, RPM, Columns, Log, Response, known_samples, respond
+from rovid.preflight.drive_guess import MIN_R2, ORDER, RPM, Log, Response, known_samples, respond
 from rovid.preflight.raw_columns import (
     LIGHT,
-    MIN_SAMPLES,
     SUPPLY,
-    RawColumn,
+    Columns,
     SignalGuess,
+    SourceColumn,
     ending_unit,
-    finite_values,
     is_thruster_command,
     is_yaw_rate,
     named_unit,
@@ -42,15 +41,14 @@ class ShaftGuess:
 def lone_yaw_rate(columns: Columns, chosen: str) -> SignalGuess | None:
     """A yaw rate by name, or ``chosen`` by the user, where no heading is logged; its unit by name or values."""
     for source in [chosen] if chosen in columns else filter(is_yaw_rate, columns):
-        values = finite_values(columns[source])
-        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
+        column = columns[source]
+        if not column.varies:
             continue
-        unit = ending_unit(source) if ending_unit(source) in ANGULAR_RATE_UNITS else ""
-        reason = "chosen by you" if chosen else "by name"
-        reason = f"{reason}; {values.min():.4g} to {values.max():.4g}; no heading is logged"
+        unit = column.unit if column.unit in ANGULAR_RATE_UNITS else ""
+        reason = f"{'chosen by you' if chosen else 'by name'}; {column.span}; no heading is logged"
         if not unit:
             # rad/s, faster than vehicles turn.
-            unit = "deg/s" if float(np.max(np.abs(values))) > _FASTEST else "rad/s"
+            unit = "deg/s" if float(np.max(np.abs(column.values))) > _FASTEST else "rad/s"
             reason += f"; assumed to be in {unit}"
         return SignalGuess(source=source, unit=unit, reason=reason, is_rate=True)
     return None
@@ -61,7 +59,7 @@ def guess_shaft(columns: Columns, logs: Sequence[Log], chosen: str, commands: Se
     if not chosen and any(name_words(source) & _VEHICLE for source in columns):
         return None
     speeds = [source for source in columns if (source == chosen if chosen else _is_shaft_speed(source))]
-    speeds = [source for source in speeds if rate_unit(source) and np.ptp(finite_values(columns[source])) > 0.0]
+    speeds = [source for source in speeds if rate_unit(source) and columns[source].changes]
     if not speeds:
         return None
     speed = speeds[0]
@@ -80,7 +78,7 @@ def guess_shaft(columns: Columns, logs: Sequence[Log], chosen: str, commands: Se
     rate = replace(motion, reason=f"{origin}: the speed of a shaft on a bench; {motion.unit} by its name")
     remarks = list(_other_motors(speeds, columns, orders[:1] or drives[:1]))
     if not orders:
-        command = _motor_command(drive, columns[drive], direction, response)
+        command = _motor_command(columns[drive], direction, response)
         return ShaftGuess(signals={"yaw_rate": rate}, commands=(command,), remarks=tuple(remarks))
     if currents or others:
         other = (currents or others)[0]
@@ -129,7 +127,7 @@ def _same_motor(speed: str, is_kind: Callable[[str], bool], free: Columns, comma
     if commands and is_kind is _is_duty:
         found = list(free)
     for source in sorted(found, key=lambda source: -len(words & name_words(source))):
-        if np.ptp(finite_values(free[source])) > 0.0:
+        if free[source].changes:
             yield source
 
 
@@ -140,20 +138,18 @@ def _held(log: Log, source: str) -> tuple[FloatArray, FloatArray] | None:
     return (known.time, known.values) if known.time.size else None
 
 
-def _motor_command(source: str, logged: Sequence[RawColumn], direction: int, response: Response) -> ThrusterCommand:
-    values = finite_values(logged)
-    low, high = float(values.min()), float(values.max())
+def _motor_command(column: SourceColumn, direction: int, response: Response) -> ThrusterCommand:
     turns = "these logs do not show which way it turns the shaft"
     if direction:
         turns = f"more of it turns the shaft {'up' if direction > 0 else 'down'} (R2 {response.r2:.2f})"
     return ThrusterCommand(
         name="motor",
-        source=source,
+        source=column.source,
         direction=direction,
         neutral=0.0,
-        lowest=low,
-        highest=high,
-        reason=f"by name; {low:.4g} to {high:.4g}; {turns}",
+        lowest=float(column.values.min()),
+        highest=float(column.values.max()),
+        reason=f"by name; {column.span}; {turns}",
         direction_known=bool(direction),
         is_motor=True,
     )

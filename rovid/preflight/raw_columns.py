@@ -4,6 +4,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -104,10 +105,42 @@ class SignalGuess:
 # ---- samples
 
 
-def finite_values(columns: Sequence[RawColumn]) -> FloatArray:
-    """(n,) finite values of one source in all logs."""
-    values = np.concatenate([column.values for column in columns])
-    return np.asarray(values[np.isfinite(values)])
+class SourceColumn:
+    """One source in all logs that have it, with what its name and its values show."""
+
+    def __init__(self, source: str, logged: Sequence[RawColumn]) -> None:
+        self.source, self.logged = source, logged
+        self.words, self.unit = name_words(source), ending_unit(source)
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """(n,) finite values in all logs."""
+        values = np.concatenate([column.values for column in self.logged])
+        return np.asarray(values[np.isfinite(values)])
+
+    @property
+    def span(self) -> str:
+        """Lowest and highest value, for people."""
+        return f"{self.values.min():.4g} to {self.values.max():.4g}"
+
+    @property
+    def changes(self) -> bool:
+        """Whether the values differ."""
+        return bool(self.values.size) and bool(np.ptp(self.values) > 0.0)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether there are enough values for a guess."""
+        return len(self.values) >= MIN_SAMPLES
+
+    @property
+    def varies(self) -> bool:
+        """Whether there are enough values, and they differ."""
+        return self.is_long and self.changes
+
+
+# Source -> its column.
+Columns = Mapping[str, SourceColumn]
 
 
 def _positions(signal: SignalGuess, column: RawColumn) -> tuple[FloatArray, FloatArray]:
@@ -160,13 +193,13 @@ def is_thruster_command(source: str) -> bool:
     return may_be_command(source, words) and bool(words & (COMMAND | SIDE) or voltage)
 
 
-def columns_by_source(logs: Sequence[Mapping[str, RawColumn]]) -> dict[str, list[RawColumn]]:
+def columns_by_source(logs: Sequence[Mapping[str, RawColumn]]) -> dict[str, SourceColumn]:
     """The columns of all logs with each source."""
     columns: dict[str, list[RawColumn]] = {}
     for log in logs:
         for source, column in log.items():
             columns.setdefault(source, []).append(column)
-    return columns
+    return {source: SourceColumn(source, logged) for source, logged in columns.items()}
 
 
 def may_be_command(source: str, words: set[str]) -> bool:
@@ -190,10 +223,10 @@ def ending_unit(source: str) -> str:
     return next((unit for unit, ending in _UNIT_ENDINGS.items() if ending.search(source)), "")
 
 
-def is_torque(source: str, values: FloatArray) -> bool:
+def is_torque(column: SourceColumn) -> bool:
     """Whether a column is a yaw torque by a word, its unit, or the SNAME symbol N with values of both signs."""
-    symbol = source == "N" and values.min() < 0.0 < values.max()
-    return bool(name_words(source) & _TORQUE or _ENDS_IN_NEWTON_METRES.search(source) or symbol)
+    symbol = column.source == "N" and column.values.min() < 0.0 < column.values.max()
+    return bool(column.words & _TORQUE or _ENDS_IN_NEWTON_METRES.search(column.source) or symbol)
 
 
 def is_error_or_order(source: str) -> bool:

@@ -20,10 +20,11 @@ from rovid.preflight.raw_columns import (
     RATE,
     SUPPLY,
     VOLTAGE,
+    Columns,
     RawColumn,
     SignalGuess,
+    SourceColumn,
     columns_by_source,
-    finite_values,
     is_error_or_order,
     is_torque,
     is_yaw_rate,
@@ -32,7 +33,7 @@ from rovid.preflight.raw_columns import (
     named_unit,
     word_list,
 )
-from rovid.preflight.thruster_guess import Columns, GuessHints, ThrusterCommand, guess_thrusters
+from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, guess_thrusters
 from rovid.trial.axis import HEADING_WORDS, YAW, YAW_RATE_WORDS, is_per_second, name_words
 
 # Signals that drive the vehicle.
@@ -88,7 +89,7 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
     hints = hints or GuessHints()
     columns = columns_by_source(logs)
     # A log without a mapped signal cannot be read: optional signals have to be in all logs.
-    shared = {source: logged for source, logged in columns.items() if len(logged) == len(logs)}
+    shared = {source: column for source, column in columns.items() if len(column.logged) == len(logs)}
     if hints.axis is YAW:
         signals = _yaw_signals(columns, shared, logs, hints.heading)
         position = signals.get("heading") or signals.get("yaw_rate")
@@ -102,7 +103,7 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
     if supply is not None:
         signals["supply_voltage"] = SignalGuess(source=supply, reason="by name; the diagnosis tests for its influence")
     taken = {signal.source for signal in signals.values()}
-    free = {source: logged for source, logged in columns.items() if source not in taken}
+    free = {source: column for source, column in columns.items() if source not in taken}
     rudders, commands = _drives(free, logs, position, hints, signals)
     if hints.axis.self_righting and not any(command.direction for command in commands):
         # The vehicle was tilted and released.
@@ -129,9 +130,8 @@ def _drives(
     signals: dict[str, SignalGuess],
 ) -> tuple[tuple[RudderGuess, ...], tuple[ThrusterCommand, ...]]:
     """Rudders and thrusters among ``free`` columns; the speed at a rudder is added to ``signals``."""
-    torques = [source for source, logged in free.items() if is_torque(source, finite_values(logged))]
     found = None
-    if hints.axis is YAW and position is not None and not hints.outputs and not torques:
+    if hints.axis is YAW and position is not None and not hints.outputs and not any(map(is_torque, free.values())):
         found = guess_rudder(free, logs, position, hints)
     if found is None:
         return (), guess_thrusters(free, logs, position, hints)
@@ -149,15 +149,13 @@ def _drives(
 def _supply(shared: Columns, taken: set[str]) -> str | None:
     """Source of the supply voltage by name and values; one with a word of voltage before the others."""
     best, best_rank = None, 0
-    for source, logged in shared.items():
-        words = name_words(source)
-        if source in taken or not words & SUPPLY or words & _NOT_VOLTAGE:
+    low, high = _SUPPLY_RANGE
+    for source, column in shared.items():
+        if source in taken or not column.words & SUPPLY or column.words & _NOT_VOLTAGE:
             continue
-        values = finite_values(logged)
-        low, high = _SUPPLY_RANGE
-        if not len(values) or not low <= np.median(values) <= high or np.ptp(values) == 0.0:
+        if not column.changes or not low <= np.median(column.values) <= high:
             continue
-        rank = 1 + bool(words & VOLTAGE)
+        rank = 1 + bool(column.words & VOLTAGE)
         if rank > best_rank:
             best, best_rank = source, rank
     return best
@@ -167,22 +165,15 @@ def _torque(
     columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess | None
 ) -> SignalGuess | None:
     """A logged yaw torque, in the sense in which it turns the heading."""
-    for source, logged in columns.items():
-        words, values = name_words(source), finite_values(logged)
-        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
-            continue
-        if not is_torque(source, values) or words & (NOT_HEADING | LIGHT):
+    for source, column in columns.items():
+        if not column.varies or not is_torque(column) or column.words & (NOT_HEADING | LIGHT):
             continue
         effect = CommandEffect() if heading is None else command_effects({source: 0.0}, logs, heading)[source]
-        sign, reason = 1, f"by name; {_range(values)}"
+        sign, reason = 1, f"by name; {column.span}"
         if effect.direction < 0:
             sign, reason = -1, f"{reason}; more of it turns the heading down ({effect.text}): sign changed here"
-        return SignalGuess(source=source, unit="kN m" if "knm" in words else "N m", sign=sign, reason=reason)
+        return SignalGuess(source=source, unit="kN m" if "knm" in column.words else "N m", sign=sign, reason=reason)
     return None
-
-
-def _range(values: FloatArray) -> str:
-    return f"{values.min():.4g} to {values.max():.4g}"
 
 
 # ---- yaw
@@ -196,7 +187,7 @@ def _yaw_signals(
     if not chosen:
         heading = _heading(columns)
     elif chosen in columns and not is_yaw_rate(chosen) and not rate_unit(chosen):
-        unit, reason = _angle_unit(chosen, columns[chosen])
+        unit, reason = _angle_unit(columns[chosen])
         if _is_planar(chosen, columns):
             unit, reason = "rad", "the angle of a planar pose"
         heading = SignalGuess(source=chosen, unit=unit, reason=f"given; {reason}") if unit else None
@@ -211,21 +202,22 @@ def _heading(columns: Columns) -> SignalGuess | None:
     """Heading by name, by an orientation, or by jumps of a whole turn."""
     measured = [source for source in columns if _may_be_heading(source)]
     named = [source for source in measured if name_words(source) & HEADING_WORDS or _is_planar(source, columns)]
-    oriented = [source for source, logged in columns.items() if logged[0].radians]
+    oriented = [source for source, column in columns.items() if column.logged[0].radians]
     if oriented and not named:
         return SignalGuess(source=oriented[0], unit="rad", reason="an orientation, from which the heading is computed")
     best, best_rank = None, (False, 0)
     for source in named or measured:
-        if not named and name_words(source) & VOLTAGE:
+        column = columns[source]
+        if not named and column.words & VOLTAGE:
             continue
-        unit, reason = _angle_unit(source, columns[source])
+        unit, reason = _angle_unit(column)
         if unit and _is_planar(source, columns):
-            unit, reason = "rad", f"the angle of a planar pose; {_range(finite_values(columns[source]))}"
+            unit, reason = "rad", f"the angle of a planar pose; {column.span}"
         jumps = "jumps" in reason
         if not unit or not (named or jumps):
             continue
         # A column that jumps is an angle for sure. Among several, the finest resolution is best.
-        rank = (jumps, len(np.unique(finite_values(columns[source]))))
+        rank = (jumps, len(np.unique(column.values)))
         if best is None or rank > best_rank:
             reason = f"by name; {reason}" if named else f"{reason}; {UNNAMED}"
             best, best_rank = SignalGuess(source=source, unit=unit, reason=reason), rank
@@ -252,23 +244,21 @@ def turn_of_heading(column: RawColumn) -> float | None:
         return None
     if is_error_or_order(column.source):
         return None
-    unit, _ = _angle_unit(column.source, [column])
+    unit, _ = _angle_unit(SourceColumn(column.source, [column]))
     return FULL_TURN.get(unit)
 
 
-def _angle_unit(source: str, logged: Sequence[RawColumn]) -> tuple[str, str]:
+def _angle_unit(column: SourceColumn) -> tuple[str, str]:
     """Unit of a heading and the reason; empty for constant or too few values."""
-    values = finite_values(logged)
-    if len(values) < MIN_SAMPLES or np.ptp(values) == 0.0:
+    if not column.varies:
         return "", ""
-    low, high = float(values.min()), float(values.max())
-    span = _range(values)
-    steps = np.concatenate([np.abs(np.diff(column.values)) for column in logged])
+    low, high, span = float(column.values.min()), float(column.values.max()), column.span
+    steps = np.concatenate([np.abs(np.diff(one.values)) for one in column.logged])
     for unit, turn in FULL_TURN.items():
         within = -1.01 * turn / 2 <= low and high <= 1.01 * turn
         if within and np.any(np.abs(steps - turn) < 0.1 * turn):
             return unit, f"{span}, and it jumps by {turn:.4g}, a whole turn"
-    named = named_unit(source)
+    named = named_unit(column.source)
     if named in FULL_TURN:
         return named, f"{span}; the unit by its name"
     if max(-low, high) > 1.01 * FULL_TURN["rad"]:
@@ -279,13 +269,12 @@ def _angle_unit(source: str, logged: Sequence[RawColumn]) -> tuple[str, str]:
 def _tilt(columns: Columns, name: str, known: frozenset[str], heading: SignalGuess | None) -> SignalGuess | None:
     """Roll or pitch by name; "phi_p" is no roll."""
     unwanted = _NOT_TILT | ({"r", "p", "y"} - {name[0]})
-    for source, logged in columns.items():
-        words = name_words(source)
-        if not words & known or words & unwanted or is_error_or_order(source) or _is_planar(source, columns):
+    for source, column in columns.items():
+        if not column.words & known or column.words & unwanted or is_error_or_order(source):
             continue
-        values = finite_values(logged)
-        if len(values) < MIN_SAMPLES:
+        if _is_planar(source, columns) or not column.is_long:
             continue
+        values = column.values
         unit, reason = named_unit(source), ""
         if not unit and float(np.max(np.abs(values))) > 0.5 * np.pi:
             unit, reason = "deg", ", more than upright in radians"

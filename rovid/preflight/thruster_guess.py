@@ -19,9 +19,9 @@ from rovid.preflight.raw_columns import (
     MOTION_COMMAND,
     SIDE,
     VOLTAGE,
+    Columns,
     RawColumn,
     SignalGuess,
-    finite_values,
     has_other_unit,
     is_thruster_command,
     is_torque,
@@ -124,8 +124,6 @@ _FILLER = word_list("thruster", "filler") | (VOLTAGE - {"tension"})
 _PULSE, _NO_THRUST, _NEAR = (800.0, 2200.0), 1500.0, 25.0
 # A command comes nearer to zero than this share of its largest value; a supply does not.
 _NEAR_ZERO = 0.5
-
-Columns = Mapping[str, Sequence[RawColumn]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,16 +259,13 @@ def _in_words(direction: int, axis: Axis) -> str:
 def _select_commands(columns: Columns, hints: GuessHints) -> dict[str, FloatArray]:
     """Finite values of each source that is a command."""
     if hints.commands:
-        return {source: finite_values(columns[source]) for source in hints.commands if source in columns}
-    varying = {}
-    for source, logged in columns.items():
-        values = finite_values(logged)
-        if len(values) and np.ptp(values) > 0.0:
-            varying[source] = values
+        return {source: columns[source].values for source in hints.commands if source in columns}
+    changing = {source: column for source, column in columns.items() if column.changes}
+    varying = {source: column.values for source, column in changing.items()}
     outputs = [source for source in hints.outputs if source in columns]
     if outputs:
         return {source: varying[source] for source in outputs if source in varying}
-    torque_logged = any(is_torque(source, values) for source, values in varying.items())
+    torque_logged = any(map(is_torque, changing.values()))
     name_tests = [is_thruster_command, _is_one_of_several, _is_feedback]
     if not torque_logged:
         name_tests += [_is_motion_command, lambda source: bool(name_words(source) & _PILOT)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.raw_columns import RawColumn
+from rovid.preflight.raw_columns import RawColumn, columns_by_source
 from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, guess_thrusters, thruster_outputs, vehicle_type
 from rovid.trial.vehicle_presets import load_preset
 
@@ -79,7 +79,7 @@ def commands(wanted: GuessHints | None = None, **columns: FloatArray) -> dict[st
 
 def of(columns: dict[str, FloatArray], wanted: GuessHints | None = None) -> dict[str, ThrusterCommand]:
     log = {name: RawColumn(source=name, time=TIME, values=values) for name, values in columns.items()}
-    found = guess_thrusters({name: [seen] for name, seen in log.items()}, [log], None, wanted or GuessHints())
+    found = guess_thrusters(columns_by_source([log]), [log], None, wanted or GuessHints())
     return {one.source: one for one in found}
 
 
