@@ -12,24 +12,17 @@ from rovid.trial.axis import AXES, PLANAR, YAW, parameter_file_name
 
 # The same as `rovid.estimate.thrust_curve.THRUST_UNITS`, which a test checks.
 THRUST_UNITS = ("N", "kN", "kgf", "gf", "lbf")
+# Values that are known without reading anything, by their name in options.toml; the functions below find the others.
+FIXED = {
+    "axes": tuple(AXES),
+    "axis_sets": (PLANAR.name,),
+    "formats": tuple(FORMATS),
+    "thrust_units": THRUST_UNITS,
+    "effect_actions": ("new", "try"),
+}
 # Parameters of every model.
 BASE = ("inertia", "quadratic_drag", "linear_drag")
 _CATALOGUE = Path(__file__).parents[1] / "effects" / "catalogue.py"
-
-
-def axes() -> list[str]:
-    """Names for --axis."""
-    return list(AXES)
-
-
-def axis_sets() -> list[str]:
-    """Names for --axes."""
-    return [PLANAR.name]
-
-
-def formats() -> list[str]:
-    """Formats of `rovid export`."""
-    return list(FORMATS)
 
 
 def vehicles() -> list[str]:
@@ -44,16 +37,6 @@ def topics() -> list[str]:
     from rovid.present.terminal.topics import topic_names
 
     return topic_names()
-
-
-def thrust_units() -> list[str]:
-    """Units for --unit."""
-    return list(THRUST_UNITS)
-
-
-def effect_actions() -> list[str]:
-    """Actions of `rovid effect`."""
-    return ["new", "try"]
 
 
 def effects() -> list[str]:

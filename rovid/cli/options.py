@@ -133,9 +133,9 @@ def _description(parameter: inspect.Parameter, settings: dict[str, Any]) -> Any:
     names = settings.pop("names", names)
     settings["metavar"] = settings.pop("value", None)
     if complete := settings.pop("complete", ""):
-        settings["autocompletion"] = values = getattr(completion, complete)
-        if "{values}" in settings["help"]:
-            settings["help"] = settings["help"].format(values=", ".join(values()))
+        fixed = completion.FIXED.get(complete, ())
+        settings["autocompletion"] = (lambda: list(fixed)) if fixed else getattr(completion, complete)
+        settings["help"] = settings["help"].replace("{values}", ", ".join(fixed))
     if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
         return typer.Option(*names, **settings)
     return typer.Argument(show_default=False, **settings)

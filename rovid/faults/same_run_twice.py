@@ -49,79 +49,25 @@ _COMMAND_TOLERANCE, _COMMAND_SHARE = 0.03, 0.9
 _SENSOR_RATIO, _CORRELATED, _MIN_COMMON = 1.5, 0.3, 200
 
 
-class Series:
-    """Measured rows of a trial, with the spectrum of the third differences of the position."""
-
-    def __init__(self, trial: Trial) -> None:
-        self.trial = trial
-        self.rows = np.flatnonzero(trial.measured)
-        self.time, self.position = trial.time[self.rows], trial.position[self.rows]
-        self.interval = float(np.median(np.diff(self.time))) if len(self.rows) > 1 else np.inf
-        third = np.diff(self.position, n=3)
-        # Motion and outliers are limited: the noise finds the lag.
-        limit = 3.0 * float(np.median(np.abs(third))) if third.size else 0.0
-        self.third: FloatArray = np.clip(third, -limit, limit) if limit > 0.0 else third
-        self.noise = float(np.median(np.abs(third))) / 0.6745 / np.sqrt(20.0) if third.size else 0.0
-
-    def spectrum(self, size: int) -> FloatArray:
-        """Fourier transform of the third differences, padded to ``size``."""
-        return np.asarray(np.fft.rfft(self.third, size))
-
-
-def overlaps(trials: Sequence[Trial]) -> list[tuple[Trial, Trial, slice]]:
-    """(earlier log, later log, rows of the later one) of each pair of ``trials`` that overlap in part."""
-    series = [Series(trial) for trial in trials]
-    size = fast_fft_length(2 * max((len(one.rows) for one in series), default=1))
-    spectra = [one.spectrum(size) for one in series]
-    found = []
-    for later, other in enumerate(series):
-        for earlier, one in enumerate(series[:later]):
-            if not _may_overlap(one, other):
-                continue
-            products = np.fft.irfft(spectra[earlier] * np.conj(spectra[later]), size)
-            lag = int(np.argmax(products))
-            rows = _common(one, other, lag - size if lag > size // 2 else lag)
-            if rows is not None:
-                found.append((one.trial, other.trial, rows))
-                break
-    return found
-
-
-def _may_overlap(one: Series, other: Series) -> bool:
-    shorter = min(len(one.rows), len(other.rows))
-    if shorter < _MIN_SAMPLES or abs(one.interval - other.interval) > 0.01 * one.interval:
-        return False
-    return bool(one.trial.commands.shape[1] == other.trial.commands.shape[1])
-
-
-def _common(one: Series, other: Series, lag: int) -> slice | None:
-    """Rows of ``other``'s trial that ``one`` has, too, ``lag`` readings later; None if these are no copies."""
-    first, last = max(0, -lag), min(len(other.rows), len(one.rows) - lag)
-    if last - first < _MIN_SAMPLES:
-        return None
-    own, theirs = slice(first + lag, last + lag), slice(first, last)
-    difference = other.position[theirs] - one.position[own]
-    turn = 2.0 * np.pi if one.trial.axis.angular and not one.trial.rate_only else 0.0
-    offset = float(np.median(difference))
-    difference = difference - (turn * np.rint(offset / turn) if turn else offset)
-    changes = int(np.count_nonzero(np.abs(np.diff(other.position[theirs], n=3)) > 1e-9))
-    stamps = (other.time[theirs] - other.time[first]) - (one.time[own] - one.time[first + lag])
-    rms = float(np.sqrt(np.mean(difference**2)))
-    if changes < _MIN_CHANGES or rms > _SAME_NOISE * one.noise + 1e-9 or np.abs(stamps).max() > _STAMPS * one.interval:
-        return None
-    mine, yours = one.trial.commands[one.rows[own]], other.trial.commands[other.rows[theirs]]
-    if np.any(np.mean(np.isclose(mine, yours, rtol=0.03), axis=0) < _COMMANDS):
-        return None
-    return slice(int(other.rows[first]), int(other.rows[last - 1]) + 1)
-
-
 class _Recording:
     """A trial with cached quantities for comparisons with many others."""
 
     def __init__(self, trial: Trial) -> None:
         self.trial = trial
-        rows = np.flatnonzero(trial.measured)
-        self.time, self.position = trial.time[rows], trial.position[rows]
+        self.rows = np.flatnonzero(trial.measured)
+        self.time, self.position = trial.time[self.rows], trial.position[self.rows]
+
+    @cached_property
+    def third(self) -> FloatArray:
+        """Third differences of the position in rad, without the largest: the noise, rather than motion or outliers."""
+        third = np.diff(self.position, n=3)
+        limit = 3.0 * float(np.median(np.abs(third))) if third.size else 0.0
+        return np.clip(third, -limit, limit) if limit > 0.0 else third
+
+    @cached_property
+    def interval(self) -> float:
+        """Median interval in s."""
+        return float(np.median(np.diff(self.time))) if len(self.rows) > 1 else np.inf
 
     @cached_property
     def rates(self) -> FloatArray:
@@ -171,6 +117,51 @@ class _Recording:
         return np.where(inside, difference, np.nan)
 
 
+def _overlaps(recordings: Sequence[_Recording]) -> Iterator[tuple[Trial, Trial, slice]]:
+    """(earlier log, later log, rows of the later one) of each pair of ``recordings`` that overlap in part."""
+    size = fast_fft_length(2 * max((len(one.rows) for one in recordings), default=1))
+    spectra = [np.fft.rfft(one.third, size) for one in recordings]
+    for later, other in enumerate(recordings):
+        for earlier, one in enumerate(recordings[:later]):
+            if not _may_overlap(one, other):
+                continue
+            products = np.fft.irfft(spectra[earlier] * np.conj(spectra[later]), size)
+            lag = int(np.argmax(products))
+            rows = _common(one, other, lag - size if lag > size // 2 else lag)
+            if rows is not None:
+                yield one.trial, other.trial, rows
+                break
+
+
+def _may_overlap(one: _Recording, other: _Recording) -> bool:
+    shorter = min(len(one.rows), len(other.rows))
+    if shorter < _MIN_SAMPLES or abs(one.interval - other.interval) > 0.01 * one.interval:
+        return False
+    return bool(one.trial.commands.shape[1] == other.trial.commands.shape[1])
+
+
+def _common(one: _Recording, other: _Recording, lag: int) -> slice | None:
+    """Rows of ``other``'s trial that ``one`` has, too, ``lag`` readings later; None if these are no copies."""
+    first, last = max(0, -lag), min(len(other.rows), len(one.rows) - lag)
+    if last - first < _MIN_SAMPLES:
+        return None
+    own, theirs = slice(first + lag, last + lag), slice(first, last)
+    difference = other.position[theirs] - one.position[own]
+    turn = _TURN if one.trial.axis.angular and not one.trial.rate_only else 0.0
+    offset = float(np.median(difference))
+    difference = difference - (turn * np.rint(offset / turn) if turn else offset)
+    changes = int(np.count_nonzero(np.abs(np.diff(other.position[theirs], n=3)) > 1e-9))
+    stamps = (other.time[theirs] - other.time[first]) - (one.time[own] - one.time[first + lag])
+    rms = float(np.sqrt(np.mean(difference**2)))
+    noise = float(np.median(np.abs(one.third))) / 0.6745 / np.sqrt(20.0)
+    if changes < _MIN_CHANGES or rms > _SAME_NOISE * noise + 1e-9 or np.abs(stamps).max() > _STAMPS * one.interval:
+        return None
+    mine, yours = one.trial.commands[one.rows[own]], other.trial.commands[other.rows[theirs]]
+    if np.any(np.mean(np.isclose(mine, yours, rtol=0.03), axis=0) < _COMMANDS):
+        return None
+    return slice(int(other.rows[first]), int(other.rows[last - 1]) + 1)
+
+
 def _detect(data: CampaignData) -> Iterator[Detection[CampaignData]]:
     """Trials that are copies of another; the copy with the most measurements stays, or else the first."""
     kept: list[_Recording] = []
@@ -189,8 +180,7 @@ def _detect(data: CampaignData) -> Iterator[Detection[CampaignData]]:
         )
         yield Detection(fault=fault, done="It was left out.", repair=partial(_without, copy=copy))
     order = {id(trial): at for at, trial in enumerate(data.trials)}
-    originals = sorted((one.trial for one in kept), key=lambda trial: order[id(trial)])
-    for earlier, later, rows in overlaps(originals):
+    for earlier, later, rows in _overlaps(sorted(kept, key=lambda one: order[id(one.trial)])):
         begin, end = float(later.time[rows][0]), float(later.time[rows][-1])
         fault = Fault(
             fault="same_run_twice",

@@ -200,7 +200,7 @@ def test_a_log_of_the_new_format_is_read(copy: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_model_is_written_in_the_new_format(copy: Path, identified: Path) -> None:
-    assert "plain-text" in run(copy, "-c", "from rovid.cli import completion; print(*completion.formats())")
+    assert "plain-text" in run(copy, "-c", "from rovid.cli import completion; print(*completion.FIXED['formats'])")
     said = json.loads(run(copy, "-m", "rovid", "export", "plain-text", "--json", cwd=identified, quick=False))
     assert said["file"] == "plain_text.txt"
     assert said["mismatch_of_what_is_held"]["yaw_rate_percent_of_range"] == 0.0
