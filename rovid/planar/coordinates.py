@@ -11,6 +11,7 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.base import Scales
+from rovid.estimate.fisher_information import Innovations
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.kernels import NOISE_COUNT, NOISE_LATENCY, NOISE_SENSOR
 from rovid.planar.model import BASE_COUNT, SENSORS, PlanarModel, RudderModel, from_log_cholesky, log_cholesky
@@ -22,6 +23,10 @@ _INERTIA_RANGE = np.array([3.4, 1.7, 1.7, 3.0])
 _DISTURBANCE_RANGE, _FIRST_DISTURBANCE = 9.0, 0.7
 # Bounds of the disturbance's correlation time in time constants, and its start.
 _MEMORY_BOUNDS, _FIRST_MEMORY = (0.05, 100.0), 1.0
+# Prior of the disturbance: usual share of the forces, usual correlation time in time constants, and standard error of
+# the logarithm of each, a factor of 20 both ways in two of them. Without it the likelihood of a disturbance that hardly
+# shows is flat, with minima at the bounds (Chung et al. 2013, Psychometrika 78).
+_USUAL_DISTURBANCE, _USUAL_MEMORY, _DISTURBANCE_ERROR = 0.01, 2.0, 1.5
 # Least and largest straightening of the flow at a rudder and its asymmetry, by published ones of ships; starts.
 _STRAIGHTENING, _STRAIGHT = ((0.25, -0.5), (0.8, 0.5)), (0.5, 0.0)
 # Range of the log noise of a sensor about its start.
@@ -185,14 +190,6 @@ class PlanarCoordinates:
             low[at], high[at] = pair
         return replace(self, low=low, high=high)
 
-    def with_limit(self, limit: float) -> Self:
-        """The same coordinates with disturbances of at most ``limit`` times the usual forces."""
-        high, at = self.high.copy(), self.noise_begin
-        tops = np.log(limit * self.sizes.force)
-        high[at : at + 3] = np.where(self.free[at : at + 3], tops, high[at : at + 3])
-        low = np.where(self.free, np.minimum(self.low, high), high)
-        return replace(self, low=low, high=high)
-
     @cached_property
     def base_names(self) -> tuple[str, ...]:
         """Names of the parameters before those of effects."""
@@ -291,6 +288,12 @@ class PlanarCoordinates:
                 x[at] = min(x[at], most / self.units[at])
             at += len(effect.parameters)
         return x
+
+    def disturbance_errors(self, x: FloatArray) -> Innovations:
+        """(6,) differences of the log disturbances and times from their prior, and its variances; zero where fixed."""
+        own = slice(self.noise_begin, self.noise_begin + NOISE_SENSOR)
+        usual = np.log(np.concatenate((_USUAL_DISTURBANCE * self.sizes.force, _USUAL_MEMORY * self.sizes.time)))
+        return Innovations(np.where(self.free[own], x[own] - usual, 0.0), np.full(NOISE_SENSOR, _DISTURBANCE_ERROR**2))
 
     def canonical(self, x: FloatArray) -> FloatArray:
         """Equivalent coordinates with currents of 0 or more."""

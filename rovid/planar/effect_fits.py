@@ -7,8 +7,10 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import PLANAR_FORMS, Effect, effect_named, forms_for
 from rovid.effects.base import Coupling, OnCommand, OnThrust, OnTorque, WaterCurrent
+from rovid.estimate.fisher_information import inverse_information
 from rovid.planar.dataset import PlanarData, has_hidden_sway
 from rovid.planar.free_runs import FreeRuns
 from rovid.planar.likelihood import PlanarLikelihood
@@ -41,9 +43,19 @@ def with_hull_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     for effect in map(effect_named, HULL_LIFT):
         x = np.insert(x, coordinates.noise_begin, np.zeros(len(effect.parameters)))
         coordinates = coordinates.with_effect(effect)
+    likelihood, penalty = (
+        best.likelihood.with_coordinates(coordinates),
+        0.5 * math.log(float(best.likelihood.grid.used.sum())),
+    )
+    if best.is_white and not best.limited.any():
+        # A score test (Rao 1948) of a model that explains its logs costs less than the fits.
+        gradient, information = likelihood.equations(x)
+        gain = 0.5 * float(gradient @ inverse_information(information) @ gradient)
+        needed = _LIFT_GAIN + penalty * (coordinates.noise_begin - best.coordinates.noise_begin)
+        if gain < THRESHOLDS.screening_share * needed:
+            return best
     runs = FreeRuns.of(data, coordinates.sizes)
-    found = _fitted(best.likelihood.with_coordinates(coordinates), runs, x)
-    penalty = 0.5 * math.log(float(best.likelihood.grid.used.sum()))
+    found = _fitted(likelihood, runs, x)
 
     def score(one: PlanarOptimum) -> float:
         size = one.value + penalty * np.count_nonzero(one.likelihood.free)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import significant
 from rovid.effects import Effect
@@ -21,10 +19,11 @@ from rovid.planar.effect_fits import SHIP, SHIP_WARNING, add_effect, with_hull_l
 from rovid.planar.free_runs import FreeRuns, better_simulating, free_run_r2, mean_free_run_r2
 from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME
 from rovid.planar.likelihood import PlanarLikelihood
-from rovid.planar.model import AXIS_NAMES, BASE_COUNT, SENSORS, PlanarModel
+from rovid.planar.model import AXIS_NAMES, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.prior import PriorUse
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values, with_own_sizes
+from rovid.planar.uncertainty import LOOSER, parameter_scale, total_covariance
 
 _METHOD = "maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together"
 _METHOD_FREE_RUNS = "least squares of free-running simulations over some time constants, surge, sway and yaw together"
@@ -45,8 +44,6 @@ _LATENCY_ROUNDS, _LATENCY_TOLERANCE, _LATENCY_SIGMAS = 4, 0.01, 4.0
 # the way of its sound and its radio link. A decision.
 _MOST_LATENCY = 0.6
 _MOST_SECONDS = np.array([5.0 if name in {"north", "east"} else 1.0 for name in SENSORS])
-# Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
-_LOOSER = 2.5
 # Least rigid-body share of an inertia that is no warning: the thrust curve may be off.
 _LEAST_RIGID = 0.9
 
@@ -239,15 +236,9 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     """The fitted model with standard errors and with what the data cannot determine."""
     _require_finite(best)
     model, coordinates = best.model, best.coordinates
-    covariance = best.covariance
+    covariance = best.covariance if best.is_multi_step else total_covariance(best)
     limited = tuple(name for name, at in zip(AXIS_NAMES, best.limited.tolist(), strict=True) if at)
     multi_step = best.is_multi_step
-    if limited and not multi_step:
-        # The limit is a choice: the errors include the change of the parameters under a looser one.
-        looser = coordinates.with_limit(_LOOSER * DISTURBANCE_LIMITS[0])
-        other = PlanarOptimum.fit(best.likelihood.with_coordinates(looser), best.x, _LAST_ITERATIONS)
-        shift = other.model.values - model.values
-        covariance = covariance + np.outer(shift, shift)
     if best.likeliest is not None:
         # Two criteria that disagree: each has an unknown error of the model.
         shift = best.likeliest - model.values
@@ -286,7 +277,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     return PlanarFit(
         model=model,
         estimate=estimate,
-        log_likelihood=-replace(best.likelihood.of_logs, free_runs=None).value(best.x),
+        log_likelihood=-best.likelihood.value_of(replace(best.likelihood, free_runs=None).filtered(best.x)[0]),
         undetermined=undetermined,
         noise={name: float(numbers[NOISE_SENSOR + SENSORS.index(name)]) for name in coordinates.sensors},
         disturbance=disturbance,
@@ -337,7 +328,7 @@ def _warnings(
     if SHIP in {effect.key for effect in best.effects}:
         yield SHIP_WARNING
     looser = (
-        f" The standard errors include the change of the parameters under a limit {_LOOSER:g} times as high."
+        f" The standard errors include the change of the parameters under a limit {LOOSER:g} times as high."
         if not multi_step
         else ""
     )
@@ -373,20 +364,3 @@ def _warnings(
                 f"{name} is {significant(float(base[at]), 3)} kg, less than the vehicle's mass of "
                 f"{significant(mass, 3)} kg: the thrust curves promise less force than acts, or the mass is wrong."
             )
-
-
-def parameter_scale(best: PlanarOptimum) -> FloatArray:
-    """(q,) sizes of the model parameters at which each would matter as much as all forces of its axis."""
-    coordinates, base = best.coordinates, best.model.base
-    scale = coordinates.units[: coordinates.noise_begin].copy()
-    # Of an inertia its own size. Of a drag the total damping of its axis at the usual speed.
-    scale[:3] = base[:3]
-    scale[3] = math.sqrt(base[1] * base[2])
-    speed = coordinates.sizes.speed
-    damping = base[4:7] + base[7:10] * speed
-    scale[4:7] = np.where(damping > 0.0, damping, scale[4:7])
-    scale[7:10] = np.where(damping > 0.0, damping / speed, scale[7:10])
-    own = np.abs(coordinates.values(best.x))
-    # Of a rudder and of an effect its own size, if that is larger than the scale.
-    scale[BASE_COUNT:] = np.maximum(scale[BASE_COUNT:], own[BASE_COUNT:])
-    return scale

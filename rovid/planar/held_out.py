@@ -184,7 +184,7 @@ def held_out(parts: Parts, fitted: PlanarOptimum, line: Linearisation) -> HeldOu
         innovations, states = fitted.likelihood.filtered(own.x, keep=True)
         each = -negative_log_likelihoods(innovations.error, innovations.variance)
         for part in fold.tolist():
-            gains[part] = float(each[number == part].sum())
+            gains[part] = float(each[number[: len(each)] == part].sum())
         chosen = [at for at, (_, part, _, _) in enumerate(parts.windows) if part in fold]
         squares[chosen] = window_errors(parts, PlanarOptimum(fitted.likelihood, own.x, own.value), states, chosen)
         points.append(own.x)

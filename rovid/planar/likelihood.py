@@ -20,7 +20,7 @@ from rovid.estimate.fisher_information import (
 )
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.equations import STATES
-from rovid.planar.kernels import filter_runs
+from rovid.planar.kernels import NOISE_SENSOR, filter_runs
 from rovid.planar.model import SENSORS, PlanarModel, is_of_actuators
 from rovid.planar.prior import PlanarPrior
 
@@ -152,7 +152,7 @@ def _thinned(stamp: FloatArray, sensor: IntArray, interval: float) -> BoolArray:
 
 
 class CriterionRows(NamedTuple):
-    """Origin of each of N errors of a criterion; -1, 0 and -1 of a prior."""
+    """Origin of each of N errors of a criterion; -1, 0 and -1 of the priors of disturbance and parameters."""
 
     run: IntArray  #: (N,) number of the run.
     time: FloatArray  #: (N,) s.
@@ -181,11 +181,12 @@ class PlanarLikelihood:
         """Where the errors of `evaluate` come from."""
         used, prior = self.grid.used, self.grid.prior
         rows = CriterionRows(self.grid.run_index[used], self.grid.event_time[used], self.grid.sensors[used])
+        count = 0 if prior is None else len(prior.values)
         if self.free_runs is not None:
             rows = self.free_runs.rows
-        if prior is None:
-            return rows
-        ends = (np.full(len(prior.values), end) for end in (-1, 0.0, -1))
+        else:
+            count += NOISE_SENSOR
+        ends = (np.full(count, end) for end in (-1, 0.0, -1))
         return CriterionRows(*(np.concatenate(pair) for pair in zip(rows, ends, strict=True)))
 
     @property
@@ -194,19 +195,17 @@ class PlanarLikelihood:
         return any(is_of_actuators(effect) for effect in self.coordinates.effects)
 
     def evaluate(self, x: FloatArray) -> Innovations:
-        """(N,) innovations that count, in SI and rad, or errors of free runs, then those of the prior; variances."""
+        """(N,) innovations that count, in SI and rad, or errors of free runs, then those of the priors; variances."""
         if self.free_runs is not None:
-            return self._with_prior(self.free_runs.errors(self.coordinates.model(x)), x)
-        return self.filtered(x)[0]
-
-    def _with_prior(self, own: Innovations, x: FloatArray) -> Innovations:
-        if self.grid.prior is None:
-            return own
-        pairs = zip(own, self.grid.prior.errors(self.coordinates, x), strict=True)
-        return Innovations(*(np.concatenate(pair) for pair in pairs))
+            parts = [self.free_runs.errors(self.coordinates.model(x))]
+        else:
+            parts = [self.filtered(x)[0], self.coordinates.disturbance_errors(x)]
+        if self.grid.prior is not None:
+            parts.append(self.grid.prior.errors(self.coordinates, x))
+        return Innovations(*map(np.concatenate, zip(*parts, strict=True)))
 
     def filtered(self, x: FloatArray, *, keep: bool = False) -> tuple[Innovations, FloatArray]:
-        """As `evaluate`, and (n, 12) filtered states if asked for."""
+        """Innovations that count, or errors of free runs, without priors; (n, 12) filtered states if asked for."""
         grid, model = self.grid, self.coordinates.model(x)
         # An effect far outside its range may give forces that are not finite: the likelihood is then the worst.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -233,7 +232,7 @@ class PlanarLikelihood:
         own = Innovations(error[grid.used], variance[grid.used])
         if self.free_runs is not None:
             own = self.free_runs.errors(model)
-        return self._with_prior(own, x), states
+        return own, states
 
     def value_of(self, innovations: Innovations) -> float:
         """Negative log-likelihood of ``innovations``."""

@@ -163,9 +163,11 @@ class PlanarOptimum:
         plain = covariance = inverse_information(information)
         if scores:
             by_prior: FloatArray | float = 0.0
+            if self.likelihood.rows.run[-1] < 0:
+                # The first group is that of the priors, which do not scatter like the logs.
+                scores = [one[1:] for one in scores]
             if (prior := self.likelihood.grid.prior) is not None:
-                # The first group is the prior, with a known scatter.
-                scores, own = [one[1:] for one in scores], prior.jacobian(self.coordinates, self.x)[:, free] @ plain
+                own = prior.jacobian(self.coordinates, self.x)[:, free] @ plain
                 by_prior = own.T @ own
             covariance = sandwich_covariance(plain, scores[0]) + by_prior
             if len(scores[1]) >= _MIN_RUNS:

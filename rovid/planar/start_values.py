@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.optimize import nnls
 from scipy.signal import lfilter
 
 from rovid.core.array_types import BoolArray, FloatArray
@@ -259,16 +259,20 @@ def _bounded(columns: Sequence[FloatArray], target: FloatArray, free: tuple[int,
     """Coefficients of 0 or more, ``free`` ones of either sign, and the share of the target's power that is left."""
     matrix = np.column_stack(columns)
     scale = np.sqrt(np.mean(matrix**2, axis=0))
-    used = scale > 1e-12 * max(float(scale.max()), 1e-300)
-    low = np.zeros(len(scale))
-    low[list(free)] = -np.inf
+    used = np.flatnonzero(scale > 1e-12 * max(float(scale.max()), 1e-300))
     values, power = np.zeros(len(scale)), float(target @ target)
-    if not power > 0.0 or not used.any():
+    if not power > 0.0 or not used.size:
         return values, 1.0
     size = math.sqrt(power / len(target))
-    solved = lsq_linear(matrix[:, used] / scale[used], target / size, (low[used], np.full(int(used.sum()), np.inf)))
-    values[used] = solved.x * size / scale[used]
-    return values, 2.0 * float(solved.cost) * size**2 / power
+    # Triangular equations with the free coefficients first: the others do not depend on them.
+    is_free = np.isin(used, free)
+    used, count = np.concatenate((used[is_free], used[~is_free])), int(is_free.sum())
+    root = np.asarray(np.linalg.qr(np.column_stack((matrix[:, used] / scale[used], target / size)), mode="r"))
+    signed, left = nnls(root[count:, count:-1], root[count:, -1]) if count < len(used) else (np.zeros(0), root[-1, -1])
+    above = root[:count, -1] - root[:count, count:-1] @ signed
+    either = np.linalg.lstsq(root[:count, :count], above, rcond=None)[0]
+    values[used] = np.concatenate((either, signed)) * size / scale[used]
+    return values, float(left) ** 2 * size**2 / power
 
 
 def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: SmoothRun, number: int) -> FloatArray:

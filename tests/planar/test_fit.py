@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
@@ -20,7 +21,7 @@ from rovid.planar.free_runs import FreeRuns, correlation_time, fit_free_runs, fr
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.start_values import planar_sizes, start_values
+from rovid.planar.start_values import _bounded, planar_sizes, start_values
 from rovid.trial.preprocessing import prepare_trials
 from tests.planar.vehicles import Truth, box_rov, campaign, torpedo, usv
 
@@ -91,6 +92,19 @@ def test_a_sway_that_is_not_measured_follows_from_the_turns() -> None:
     assert {"surge.inertia", "sway.inertia", "yaw.inertia"} <= found.keys()
     assert max(map(abs, found.values())) < SIGMAS
     assert fitted.white
+
+
+def test_a_bounded_regression_is_the_exact_one() -> None:
+    rng = np.random.default_rng(3)
+    columns = list(rng.normal(size=(5, 200)) * np.array([[1.0], [1e3], [1e-3], [1.0], [10.0]]))
+    # The second and the last coefficient are negative without bounds.
+    target = 2.0 * columns[0] - 1e-3 * columns[1] - 4e3 * columns[2] - 0.3 * columns[4] + rng.normal(size=200)
+    found, left = _bounded(columns, target, free=(2,))
+    low = np.array([0.0, 0.0, -np.inf, 0.0, 0.0])
+    expected = lsq_linear(np.column_stack(columns), target, (low, np.full(5, np.inf)), method="bvls", tol=1e-14)
+    assert found == pytest.approx(expected.x, rel=1e-6, abs=1e-9)
+    assert left == pytest.approx(2.0 * expected.cost / float(target @ target), rel=1e-9)
+    assert found[2] < -3e3
 
 
 def heading_alone() -> PlanarData:

@@ -1,0 +1,69 @@
+"""Covariance of a planar fit with the uncertainty of its disturbance, and the sizes that its errors are compared to."""
+
+import math
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.estimate.fisher_information import inverse_information
+from rovid.planar.kernels import NOISE_SENSOR
+from rovid.planar.model import BASE_COUNT
+from rovid.planar.optimum import PlanarOptimum
+
+# Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
+LOOSER = 2.5
+# Standard error of a logarithm of the disturbance that adds less than 5 % to other errors. By the law of total variance
+# a variance grows by twice its square at most.
+_KNOWN = 0.22
+
+
+def total_covariance(best: PlanarOptimum) -> FloatArray:
+    """(q, q) covariance of the model parameters with the uncertainty of the disturbance.
+
+    By the law of total variance, over three Gauss-Hermite points of each size and each correlation time: the mean
+    covariance there, and the scatter of the likeliest parameters. Where the disturbance is at its limit, which is a
+    choice, the change of the parameters under a limit `LOOSER` times as high is added. Errors do not become smaller.
+    """
+    coordinates, begin, free = best.coordinates, best.coordinates.noise_begin, best.coordinates.free
+    own, count = np.flatnonzero(free[:begin]), len(best.x)
+
+    def moments(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Covariance at a disturbance, and the distance to the parameters that are the likeliest there."""
+        held = coordinates.bounded({at: (x[at], x[at]) for at in range(begin, count)})
+        gradient, information = best.likelihood.with_coordinates(held).equations(x)
+        inverse = inverse_information(information[np.ix_(own, own)])
+        return inverse, inverse @ gradient[own]
+
+    centre, start = moments(best.x)
+    spread, shift = np.zeros_like(centre), np.zeros(len(own))
+    errors = np.sqrt(np.diag(inverse_information(best.equations.information)))
+    for at in range(begin, begin + NOISE_SENSOR):
+        for step in (-math.sqrt(3.0), math.sqrt(3.0)) if free[at] and errors[at] > _KNOWN else ():
+            point = coordinates.projected(best.x + step * errors[at] * (np.arange(count) == at))
+            inverse, away = moments(point)
+            spread += (inverse - centre + np.outer(away - start, away - start)) / 6.0
+    if best.limited.any():
+        looser = best.x.copy()
+        looser[begin : begin + len(best.limited)] += math.log(LOOSER) * best.limited
+        shift = moments(looser)[1] - start
+    jacobian = coordinates.value_jacobian(best.x)[:, own]
+    grow = np.diag(jacobian @ spread @ jacobian.T) / np.maximum(np.diag(jacobian @ centre @ jacobian.T), 1e-300)
+    factor, change = np.sqrt(1.0 + np.maximum(grow, 0.0)), jacobian @ shift
+    return np.asarray(best.covariance * np.outer(factor, factor) + np.outer(change, change))
+
+
+def parameter_scale(best: PlanarOptimum) -> FloatArray:
+    """(q,) sizes of the model parameters at which each would matter as much as all forces of its axis."""
+    coordinates, base = best.coordinates, best.model.base
+    scale = coordinates.units[: coordinates.noise_begin].copy()
+    # Of an inertia its own size. Of a drag the total damping of its axis at the usual speed.
+    scale[:3] = base[:3]
+    scale[3] = math.sqrt(base[1] * base[2])
+    speed = coordinates.sizes.speed
+    damping = base[4:7] + base[7:10] * speed
+    scale[4:7] = np.where(damping > 0.0, damping, scale[4:7])
+    scale[7:10] = np.where(damping > 0.0, damping / speed, scale[7:10])
+    own = np.abs(coordinates.values(best.x))
+    # Of a rudder and of an effect its own size, if that is larger than the scale.
+    scale[BASE_COUNT:] = np.maximum(scale[BASE_COUNT:], own[BASE_COUNT:])
+    return scale

@@ -1,0 +1,95 @@
+"""Errors of a planar fit contain the uncertainty of its disturbance, and a disturbance that hardly shows has a size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rovid.planar.coordinates import PlanarCoordinates
+from rovid.planar.dataset import PlanarData
+from rovid.planar.effect_fits import with_hull_lift
+from rovid.planar.fit import fit_base
+from rovid.planar.likelihood import PlanarLikelihood
+from rovid.planar.model import PlanarModel
+from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.start_values import planar_grid, planar_sizes, start_values
+from rovid.planar.uncertainty import total_covariance
+from tests.planar.vehicles import Truth, campaign, torpedo
+
+
+@pytest.fixture(scope="module")
+def calm() -> tuple[PlanarData, PlanarOptimum]:
+    """Headings of one short run, and their fit; the disturbance is smaller than the noise."""
+    truth = Truth(
+        base=(30.0, 40.0, 4.0, 0.0, 8.0, 12.0, 1.0, 20.0, 30.0, 2.0),
+        levers=((0.0, 0.0, 3.0),),
+        noise={"heading": (0.01, 0.1)},
+        disturbance=(0.0, 0.0, 0.01),
+        memory=8.0,
+    )
+    data = campaign(truth, runs=1, levels=8, hold=5.0, seed=21)
+    return data, fit_base(data)
+
+
+def test_a_disturbance_that_hardly_shows_stays_within_its_bounds(calm: tuple[PlanarData, PlanarOptimum]) -> None:
+    best = calm[1]
+    own = best.coordinates.noise_begin + np.array([2, 5])  # Size and correlation time of the disturbance of yaw.
+    assert np.all(best.x[own] > best.coordinates.low[own] + 0.5)
+    assert np.all(best.x[own] < best.coordinates.high[own] - 0.5)
+
+
+def test_errors_contain_the_scatter_over_likely_disturbances(calm: tuple[PlanarData, PlanarOptimum]) -> None:
+    best = calm[1]
+    coordinates, at = best.coordinates, best.coordinates.noise_begin + 2
+    error = float(np.sqrt(best.coordinate_covariance[at, at]))
+    inertias, variances = [], []
+    # Sizes with the weights of their normal density; each has a complete fit of the parameters.
+    steps = np.linspace(-2.5, 2.5, 11)
+    for step in steps.tolist():
+        x = best.x.copy()
+        x[at:] = coordinates.projected(best.x + step * error * (np.arange(len(x)) == at))[at:]
+        held = coordinates.bounded({number: (x[number], x[number]) for number in range(at - 2, len(x))})
+        fitted = PlanarOptimum.fit(best.likelihood.with_coordinates(held), x)
+        inertias.append(fitted.model.base[2])
+        variances.append(np.linalg.inv(fitted.equations.information[np.ix_((2, 6, 9), (2, 6, 9))])[0, 0])
+    weights = np.exp(-0.5 * steps**2) / np.exp(-0.5 * steps**2).sum()
+    scales = np.array(variances) * (2.0 * best.model.base[2]) ** 2  # The coordinate is half a logarithm.
+    mean = float(weights @ inertias)
+    by_size = float(weights @ (scales + (np.array(inertias) - mean) ** 2))
+    found, plain = total_covariance(best)[2, 2], best.covariance[2, 2]
+    # The correlation time adds more; three points stand for eleven.
+    assert by_size > 1.1 * plain
+    assert found > 0.9 * by_size
+
+
+def test_a_disturbance_at_its_limit_adds_the_change_under_a_looser_one() -> None:
+    truth = Truth(
+        base=(30.0, 40.0, 4.0, 0.0, 8.0, 12.0, 1.0, 20.0, 30.0, 2.0),
+        levers=((0.0, 0.0, 3.0),),
+        noise={"heading": (0.005, 0.1)},
+        disturbance=(0.0, 0.0, 0.6),
+    )
+    best = fit_base(campaign(truth, runs=1, levels=12, hold=5.0, seed=5))
+    assert best.limited.tolist() == [False, False, True]
+    # A fifth of the torque is ten times the limit: the errors by the curvature are far too small.
+    assert total_covariance(best)[2, 2] > 1.2 * best.covariance[2, 2]
+
+
+def test_a_hull_without_lift_is_not_fitted_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = torpedo(3)
+    assert truth.rudder is not None
+    data = campaign(truth, runs=1, levels=8, hold=8.0, seed=3)
+    start = start_values(data, with_current=False)[1]
+    sizes = planar_sizes(data, start)
+    rudders = tuple(replace(one, lift=truth.rudder[1], stall=3.0) for one in start.model.rudders)
+    model = PlanarModel(base=np.array(truth.base), rudders=rudders)
+    coordinates = PlanarCoordinates.of(model, sizes, data.sensors, (), 0.05, yaw_only=False)
+    likelihood = PlanarLikelihood(planar_grid(data, sizes, yaw_only=False, interval=0.0), coordinates)
+    x = coordinates.initial(model, ())
+    x[coordinates.noise_begin :][:6] = np.log([*truth.disturbance, *[truth.memory] * 3])
+    best = PlanarOptimum.fit(likelihood, x, iterations=3)
+    assert best.is_white
+    monkeypatch.setattr(PlanarOptimum, "fit", None)
+    assert with_hull_lift(best, data) is best
