@@ -35,8 +35,9 @@ _IMPLAUSIBLE = 1e15
 EPOCH_FROM = 1e8
 # s; recorders store messages out of order by less than this.
 _MAX_DISORDER = 1.0
-# Intervals by which rows of a table are out of order; a larger disorder is another fault, and is refused.
-_MAX_PLACES = 10
+# Intervals by which single rows of a table are out of order, and fewest rows of a block that may stand anywhere; a
+# larger disorder is another fault, and is refused.
+_MAX_PLACES = _MIN_BLOCK = 10
 # Share of samples with the stamp of the sample before, above which a log is refused.
 _MAX_DUPLICATE = 0.5
 # s; closer time stamps are equal; a longer run (35 days) is refused, because floats lose ticks beyond.
@@ -170,7 +171,7 @@ Samples = Mapping[str, FloatArray]
 
 
 def timed_rows(time: FloatArray, clock: str, where: str, remarks: list[Remark]) -> IntArray:
-    """Numbers of the readings with a time; `LogError` where none has one."""
+    """Numbers of the readings with a time, in time order where only their places changed; `LogError` for no time."""
     rows = np.flatnonzero(is_plausible(time))
     if len(time) and not len(rows):
         text = f"{clock} holds no time in any of its {len(time)} samples."
@@ -178,7 +179,7 @@ def timed_rows(time: FloatArray, clock: str, where: str, remarks: list[Remark]) 
     if lost := len(time) - len(rows):
         text = f"{clock} is missing in {lost} samples; they were left out."
         remarks.append(Remark(kind="missing", count=lost, text=text))
-    return rows
+    return _sorted_rows(time, rows, clock, remarks) if _are_shuffled(time[rows]) else rows
 
 
 def make_monotonic(
@@ -187,18 +188,15 @@ def make_monotonic(
     """Time and values of one clock in strictly increasing time, with remarks on order and duplicates.
 
     The faults of the clock have been remedied before. Samples with one time stamp are merged: each signal keeps its
-    first value that is not missing. Messages are sorted where the format is ``sortable``, and any rows that then follow
-    each other at even intervals. Raises `LogError` if time still runs backwards or leaps, or most time stamps repeat.
+    first value that is not missing. Messages are sorted where the format is ``sortable``. Raises `LogError` if time
+    still runs backwards or leaps, or most time stamps repeat.
     """
     steps = np.diff(time)
     remarks: list[Remark] = []
     if steps.size and not steps.min() > _TICK:
         rows = np.arange(len(time))
-        if (sortable and -_MAX_DISORDER <= steps.min() < 0.0) or _are_shuffled(time):
-            count = int(np.count_nonzero(steps < 0))
-            text = f"{clock}: {count} messages are stored out of order; they were sorted."
-            remarks.append(Remark(kind="backward", count=count, text=text))
-            rows = np.argsort(time, kind="stable")
+        if sortable and -_MAX_DISORDER <= steps.min() < 0.0:
+            rows = _sorted_rows(time, rows, clock, remarks)
         _refuse_backward(time[rows], clock, place, where)
         time, values = _merge_duplicates(rows, time, values, clock, where, remarks)
         steps = np.diff(time)
@@ -231,12 +229,26 @@ def without_rounding(time: FloatArray) -> FloatArray:
     return time[0] + line if is_rounded and np.all(np.diff(number) > 0.0) else time
 
 
+def _sorted_rows(time: FloatArray, rows: IntArray, clock: str, remarks: list[Remark]) -> IntArray:
+    count = int(np.count_nonzero(np.diff(time[rows]) < 0.0))
+    text = f"{clock} steps back {count} times: readings are stored out of order; they were sorted."
+    remarks.append(Remark(kind="backward", count=count, text=text))
+    return rows[np.argsort(time[rows], kind="stable")]
+
+
 def _are_shuffled(time: FloatArray) -> bool:
-    """Whether rows are a few places off even intervals. A clock that was set back interleaves its rows instead."""
-    steps = np.diff(np.sort(time))
+    """Whether rows, or whole blocks of them, only left their places. A clock that was set back interleaves its rows.
+
+    Sorted rows then follow each other at even intervals, and no row is missing where two blocks meet.
+    """
+    if np.all(np.diff(time) >= 0.0):
+        return False
+    order = np.argsort(time, kind="stable")
+    steps, moved = np.diff(time[order]), np.diff(order) != 1
     interval = subsampled_median(steps)
     disorder = float(np.max(np.maximum.accumulate(time) - time))
-    return bool(steps.min() > 0.5 * interval and disorder < _MAX_PLACES * interval)
+    are_blocks = _MIN_BLOCK * moved.sum() < len(time) and steps[moved].max() < 1.5 * interval
+    return bool(steps.min() > 0.5 * interval and (disorder < _MAX_PLACES * interval or are_blocks))
 
 
 def _refuse_backward(stamps: FloatArray, clock: str, place: Callable[[int], str], where: str) -> None:

@@ -303,6 +303,14 @@ def test_rows_out_of_order_are_sorted(tmp_path: Path) -> None:
     assert set(kinds(trial)) == {"backward"}
 
 
+def test_blocks_out_of_order_are_sorted(tmp_path: Path) -> None:
+    rows = np.arange(len(TIME)).reshape(8, -1)[[0, 2, 1, 3, 6, 5, 4, 7]].ravel()
+    trial = read_csv(tmp_path, csv_text({name: np.asarray(values)[rows] for name, values in standard().items()}))
+    assert_standard(trial.position, trial.time)
+    assert set(kinds(trial)) == {"backward"}
+    assert not trial.faults
+
+
 def test_coarse_stamps_that_hide_gaps_are_refused(tmp_path: Path) -> None:
     time = np.floor(TIME / 5.0) ** 3
     with pytest.raises(LogError, match=r"repeats the stamp before it in 396 of 400.*more decimals"):
