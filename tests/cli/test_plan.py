@@ -50,6 +50,7 @@ def test_a_crew_s_limits_are_kept(few: Path, rovid: Rovid) -> None:
     assert all(math.isfinite(run["gain"]) and run["gain"] > 0.0 for run in tight["runs"])
 
 
+@pytest.mark.slow
 def test_a_matrix_answers_first_and_counts_the_pairs(few: Path, rovid: Rovid) -> None:
     causes = ("bias_torque", "tether_torsion", "thruster_lag", "drag_curvature")
     names = [word for name in causes for word in ("--between", name)]
@@ -87,6 +88,7 @@ def test_a_matrix_before_any_log_states_its_estimate(tmp_path: Path, rovid: Rovi
     assert "[vehicle] of rovid.toml: gives no length" in done.err
 
 
+@pytest.mark.slow
 def test_a_stale_file_contributes_only_the_names_of_its_effects(few: Path, tmp_path: Path, rovid: Rovid) -> None:
     folder = shutil.copytree(few, tmp_path / "few")
     assert rovid("fit", folder, "--effect", "bias_torque").code == 0

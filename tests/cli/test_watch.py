@@ -161,6 +161,7 @@ def test_the_final_result_equals_the_diagnosis_of_the_folder(store: Path, rovid:
     assert written.partition("[parameters")[2] == other.partition("[parameters")[2]
 
 
+@pytest.mark.slow
 def test_the_session_stops_when_the_criteria_are_met(store: Path, rovid: Rovid) -> None:
     names = [f"{run.name}.csv" for run in RUNS]
     prefix = begun(store)

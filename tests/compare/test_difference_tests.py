@@ -66,6 +66,7 @@ def test_less_thrust_is_one_inverse_change() -> None:
     assert 0.0 < change.standard_error < 0.005
 
 
+@pytest.mark.slow
 def test_the_error_of_a_ratio_is_correct() -> None:
     b, off, shared = moved("quadratic_drag", by=1.1), [], []
     for seed in range(400):

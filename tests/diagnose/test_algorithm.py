@@ -91,6 +91,7 @@ def test_a_cause_that_whitens_the_innovations_is_selected_directly(lag: float, f
     assert selection.model.key in selection.search.cache.score_tests
 
 
+@pytest.mark.slow
 def test_the_search_continues_next_to_established_waves(monkeypatch: pytest.MonkeyPatch) -> None:
     said = list[str]()
 
@@ -252,6 +253,7 @@ def test_what_is_found_in_part_of_the_time_is_likely_at_most(looks_in_all: int, 
     assert budget.used < 1.0 + share * looks_in_all + 0.6 * looks_in_all
 
 
+@pytest.mark.slow
 def test_a_cause_that_was_fitted_before_the_end_is_a_suspect(looks_in_all: int) -> None:
     diagnosis, _ = diagnosed_until(0.6 * looks_in_all)
     assert [suspect.effect.id for suspect in diagnosis.suspects][:1] == ["thruster_lag"]

@@ -116,6 +116,7 @@ def test_damping_with_a_logged_speed_is_measured(tmp_path: Path, rovid: Rovid) -
     assert fit["free_run_r2"]["this_fit"] > 0.999 > fit["free_run_r2"]["simulation_fit"] + 0.01
 
 
+@pytest.mark.slow
 def test_the_speed_is_estimated_from_the_thrust_ahead(tmp_path: Path, rovid: Rovid) -> None:
     boat(tmp_path / "day")
     plain = rovid("fit", "day", "--json", "-p", "plain.toml").document

@@ -130,7 +130,7 @@ HIDDEN: dict[str, tuple[Callable[[Path], None], dict[str, float]]] = {
 }
 
 
-@pytest.mark.parametrize("effect", HIDDEN)
+@pytest.mark.parametrize("effect", ["command_delay", slow("thrust_asymmetry"), slow("thruster_deadband")])
 def test_an_effect_hidden_in_the_files_is_measured(effect: str, tmp_path: Path, rovid: Rovid) -> None:
     hide, expected = HIDDEN[effect]
     write_short_day(tmp_path / "day")

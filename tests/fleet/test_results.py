@@ -90,6 +90,7 @@ def test_placeholders_are_not_compared(made: Made) -> None:
     )
 
 
+@pytest.mark.slow
 def test_shrunk_values_are_closer_to_the_truth_with_valid_errors(made: Made) -> None:
     rng = np.random.default_rng(4)
     before, after, inside, mean_inside = [], [], [], []

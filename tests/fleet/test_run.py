@@ -178,6 +178,7 @@ def test_the_columns_have_units(done: tuple[Path, dict[str, Any]]) -> None:
     assert schema.names[-2:] == ["seconds", "error"]
 
 
+@pytest.mark.slow
 def test_each_diagnosis_is_written_completely(done: tuple[Path, dict[str, Any]], sea: Path, rovid: Rovid) -> None:
     kept = json.loads((done[0] / "campaigns" / "spring.json").read_text())
     assert kept["schema"] == "rovid-campaign/1"

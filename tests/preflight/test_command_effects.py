@@ -180,6 +180,7 @@ def write_day(sample: str, folder: Path, arm: str, count: int = -1) -> None:
     config.write_text(text.replace("yaw_arm = 0.43", f"yaw_arm = {arm}", count), encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_check_reports_a_reversed_thruster(tmp_path: Path, rovid: Rovid) -> None:
     write_day("rosub_tank", tmp_path / "day", "-0.43", 1)
     document = rovid("check", "day", "--json").document
@@ -189,6 +190,7 @@ def test_check_reports_a_reversed_thruster(tmp_path: Path, rovid: Rovid) -> None
     assert "the other way" in rovid("check", "day").out
 
 
+@pytest.mark.slow
 def test_implausible_arms_are_reported(tmp_path: Path, rovid: Rovid) -> None:
     write_day("rosub_hidden", tmp_path / "day", "43.0")
     (fault,) = rovid("check", "day", "--json").document["faults"]

@@ -15,7 +15,7 @@ from rovid.trial.axis import AXES
 from rovid.trial.config import find_config, load_config
 from rovid.trial.vehicle import Thruster, Vehicle
 from tests import synthetic
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, slow
 from tools.hard import draw
 from tools.steering import OPEN, steered
 
@@ -32,7 +32,7 @@ def test_open_loop_is_rarely_called_feedback() -> None:
 @pytest.mark.parametrize(
     ("kind", "share"),
     # Of 100 runs with other seeds 0.92, 0.6, 0.6, 0.42 and 0.58: fewer than these of 20 come up once in 100 times.
-    [("heading hold", 0.75), ("autopilot", 0.35), ("slow autopilot", 0.35), ("zigzag by heading", 0.2), ("stick", 0.3)],
+    [("heading hold", 0.75), slow("autopilot", 0.35), slow("slow autopilot", 0.35), ("zigzag by heading", 0.2), ("stick", 0.3)],
 )
 def test_feedback_is_detected(kind: str, share: float) -> None:
     assert np.mean([seen(steered(kind, seed)) for seed in range(2 * EACH)]) >= share

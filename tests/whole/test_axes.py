@@ -57,7 +57,7 @@ def assert_parameters(found: Mapping[str, Any], truth: Truth) -> None:
 @pytest.mark.parametrize(
     ("vehicle", "axis", "variant"),
     [
-        ("work", "surge", "velocity"),
+        slow("work", "surge", "velocity"),
         slow("small", "surge", "position"),
         slow("work", "heave", None),
         ("work", "pitch", None),

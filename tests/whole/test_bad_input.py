@@ -228,6 +228,7 @@ def test_a_rate_that_is_dead_does_not_hide_the_heading(folder: Path, rovid: Rovi
     assert any("rate_dps" in text and "stays the same" in text for text in document["warnings"])
 
 
+@pytest.mark.slow
 def test_parameters_of_a_log_that_changed_are_refused(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     day = shutil.copytree(csv_day, tmp_path / "copy")
     rovid("fit-drag", day)

@@ -56,6 +56,7 @@ def test_a_new_day_gives_back_its_truth(day: str, tmp_path: Path, rovid: Rovid) 
     )  # the thrust curve
 
 
+@pytest.mark.slow
 def test_peak_method_bias_is_stated_on_this_data(csv_day: Path, rovid: Rovid) -> None:
     rovid("fit-drag", csv_day)
     peak = rovid("fit-inertia", "--json").document["methods"]["peak"]

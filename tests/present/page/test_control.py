@@ -110,6 +110,7 @@ def test_a_format_on_the_page_is_that_of_rovid_export(folder: Path, tmp_path: Pa
         assert f"{loss_title(loss['what'])} {loss['yaw_rate_percent_of_range']:.2g}" in row[5]
 
 
+@pytest.mark.slow
 def test_either_section_can_be_left_out(folder: Path, rovid: Rovid) -> None:
     tables, parameters = SAMPLES / "rosub_paper", folder / "parameters.toml"
     assert rovid(*REPORT, tables, "--no-control", "-p", parameters).code == 0

@@ -196,6 +196,7 @@ def test_same_evidence_same_bytes(folder: Path, day: ReportData, tmp_path: Path)
     assert without_plots(day) == without_plots(day)
 
 
+@pytest.mark.slow
 def test_names_are_text_not_markup_nor_mathematics(tmp_path: Path) -> None:
     vehicle = make_vehicle("<script>alert(1)</script>")
     names = {"hold_1.csv": 'a & "b" <i>.csv', "hold_2.csv": "cost$1$_{.csv", "sine_a.csv": "試験.csv"}

@@ -201,6 +201,7 @@ def test_without_a_diagnosis_there_is_no_section(day: ReportData) -> None:
     assert "#diagnosis" not in page
 
 
+@pytest.mark.slow
 def test_names_are_shown_as_they_are(lagged: ReportData, finding: Finding) -> None:
     # The form of this effect is a thruster's name, which the user gives.
     effect = replace(finding.effect, id="thruster_imbalance", form=NASTY, title=NASTY)
