@@ -2,8 +2,9 @@
 
 Each log deviates from the model of all by a share of its inertia and of its drag (`quick_model`). The deviation is
 compared with its own error, with the scatter of the other logs, which ordinary logs in hard water have, and with what
-hidden causes do to logs of another amplitude, pace or thruster. Two payloads are found where two levels explain the
-deviations far better than one level with scatter, and than a trend with amplitude, rate, pace, shape or time.
+hidden causes do to logs of another amplitude, pace or thruster. A log that belongs with a drive which all logs share
+(`common_drive`) is not foreign. Two payloads are found where two levels explain the deviations far better than one
+level with scatter, and than a trend with amplitude, rate, pace, shape or time.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,6 +17,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.command_roles import Misfit, misassigned
+from rovid.faults.common_drive import common_drive
 from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
@@ -35,10 +37,14 @@ _OPPOSITE = " That is impossible: its heading or its commands have the opposite 
 # A heading in radians that is read as degrees: the motion seems this much smaller. Largest relative error to say so.
 _RADIAN, _PRECISE = 180.0 / np.pi, 0.1
 _IN_RADIANS = " Its heading seems to be in radians, and that of the others in degrees."
-# Probability of a foreign log where a guessed thrust curve explains the deviation as well.
+# Probability of a foreign log where a guessed thrust curve, or a drive of all logs, explains the deviation as well.
 _EVEN = 0.5
 # The same factor may come from a guessed thrust curve, and the log from the same vehicle.
 _GUESSED = "Or the guessed thrust curve is wrong at its thrust. The log was kept: measure the curve, and check again."
+# Share of a deviation that a drive leaves at most: a lag as long as the vehicle's time constant makes errors large.
+_LESS = 0.5
+# A drive that the other logs do not contradict.
+_DRIVEN = "Or {} acts in all logs: the others agree with that as well. The log was kept."
 # Largest relative standard error of a log that takes part in groups.
 _MAX_ERROR = 0.05
 # Quantity of a step that another scale of all thrust explains as well.
@@ -78,19 +84,26 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     opposite = set() if model is None else {log.name for log in model.regressors if log.is_opposite}
     count = 0 if model is None else len(model.logs) - len(opposite)
     # Without the foreign logs the scatter of the others is smaller, which may show further ones.
-    rest, odd = data, 0
+    rest, odd, kept = data, 0, set[str]()
     while model is not None and len(model.logs) >= _MIN_LOGS:
         least = float(np.median([log.features[0] for log in model.logs])) + _EXCITED
         foreign = [log for log in model.logs if log.features[0] > least and _is_foreign(log, len(model.logs))]
         if data.vehicle.planar:
             # Sway and surge change the yaw that a log shows, but not the sign of its inertia.
             foreign = [log for log in foreign if 1.0 + log.deviation[0] + _CERTAIN * log.standard_errors[0] < 0.0]
+        foreign = [log for log in foreign if log.name not in kept]
         odd += sum(log.name not in opposite for log in foreign)
         if not foreign or 2 * odd >= count:
             break
-        found += [_foreign(log, len(model.logs), data.vehicle) for log in foreign]
+        drive = common_drive(rest.runs, data.vehicle, model, {log.name for log in foreign} - opposite)
+        if drive is not None:
+            kept |= {log.name for log in foreign if _belongs(log, drive.model)} - opposite
         for log in foreign:
-            rest = without(rest, log.name)
+            if log.name not in kept:
+                found.append(_foreign(log, len(model.logs), data.vehicle))
+                rest = without(rest, log.name)
+            elif drive is not None and not drive.is_shown:
+                found.append(_doubtful(_foreign(log, len(model.logs), data.vehicle), _DRIVEN.format(drive.name)))
         model = fit_quick_model(rest.runs, data.vehicle)
     yield from found
     groups = [] if model is None or data.vehicle.planar else significant_groups(model)
@@ -101,6 +114,13 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
 def _is_foreign(log: LogMoments, count: int) -> bool:
     sizes = np.abs(log.deviation) - 2.0 * log.standard_errors
     return count * log.chance < _LEVEL and bool(sizes.max() > _MIN_DEVIATION)
+
+
+def _belongs(log: LogMoments, model: QuickModel) -> bool:
+    """Whether a foreign log deviates by far less from another ``model`` of all logs, and not significantly."""
+    own = next(each for each in model.logs if each.name == log.name)
+    smaller = np.abs(own.deviation).max() < _LESS * np.abs(log.deviation).max()
+    return bool(smaller) and not _is_foreign(own, len(model.logs))
 
 
 def _foreign(log: LogMoments, count: int, vehicle: Vehicle) -> Detection[RunsData]:
@@ -124,8 +144,13 @@ def _foreign(log: LogMoments, count: int, vehicle: Vehicle) -> Detection[RunsDat
     )
     if vehicle.assumptions.includes_curve and factor > 0.0 and not is_radians:
         # At another thrust, an error of the guessed curve changes inertia and drag by a factor.
-        return Detection(fault=replace(fault, remedy="none", confidence=_EVEN), done=_GUESSED)
+        return _doubtful(Detection(fault=fault), _GUESSED)
     return Detection(fault=fault, done="It was set aside.", repair=partial(without, log=log.name))
+
+
+def _doubtful(detection: Detection[RunsData], done: str) -> Detection[RunsData]:
+    """The same fault without a remedy, where something else explains the deviation as well."""
+    return Detection(fault=replace(detection.fault, remedy="none", confidence=_EVEN), done=done)
 
 
 def _misassigned(misfit: Misfit) -> Detection[RunsData]:

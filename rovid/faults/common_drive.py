@@ -1,0 +1,91 @@
+"""A drive that all logs share, and that makes one log deviate: it is slow, late or has play; no log is foreign.
+
+A lag, a delay, a slew limit or play changes the inertia and the drag that a fast or fine log shows, and hardly those of
+the others. Each is applied to the commands of all logs, with the size that leaves the least torque unexplained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.effects.actuator_dynamics import delayed, lagged, played, slewed
+from rovid.faults.quick_model import QuickModel, fit_quick_model, log_name
+from rovid.trial.preprocessing import Run
+from rovid.trial.vehicle import Vehicle
+
+# Changes of the held commands by name: (time in s, commands, size) -> commands.
+_Drive = Callable[[FloatArray, FloatArray, float], FloatArray]
+# Sizes: time constants of the vehicle; shares of the commands' range in such a time; shares of the range.
+_TIMES, _RATES, _WIDTHS = np.geomspace(0.04, 2.0, 8), np.geomspace(0.1, 8.0, 8), np.geomspace(0.02, 0.4, 6)
+# Share of the unexplained torque of the other logs that shows the drive in them, and by which chance may raise it.
+_SHOWN, _CHANCE = 0.05, 0.01
+# Share of the unexplained torque of the deviating logs that a drive leaves at most, if it is the reason.
+_EXPLAINED = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommonDrive:
+    """A drive that all logs may share."""
+
+    name: str
+    model: QuickModel  #: The common model with it.
+    is_shown: bool  #: Whether the other logs show it too.
+
+
+def common_drive(
+    runs: Sequence[Run], vehicle: Vehicle, model: QuickModel, deviating: Collection[str]
+) -> CommonDrive | None:
+    """The drive of all ``runs`` that explains the ``deviating`` logs best; None where the other logs contradict it."""
+    rest = [run for run in runs if log_name(run) not in deviating]
+    plain = fit_quick_model(rest, vehicle)
+    if plain is None:
+        return None
+    least, best = _EXPLAINED * _unexplained(model, deviating), None
+    before = _unexplained(plain)
+    for name, (change, sizes) in _drives(runs, model.time_constant).items():
+        for size in sizes.tolist():
+            driven = {run: _driven(run, vehicle, change, size) for run in runs}
+            others = fit_quick_model([driven[run] for run in rest], vehicle)
+            if others is None or len(others.logs) < len(plain.logs) or _unexplained(others) > (1.0 + _CHANCE) * before:
+                continue
+            whole = fit_quick_model([*driven.values()], vehicle)
+            if whole is not None and (own := _unexplained(whole, deviating)) < least:
+                shown = _unexplained(others) < (1.0 - _SHOWN) * before
+                least, best = own, CommonDrive(name=name, model=whole, is_shown=shown)
+    return best
+
+
+def _drives(runs: Sequence[Run], time_constant: float) -> Mapping[str, tuple[_Drive, FloatArray]]:
+    every = np.concatenate([run.trial.commands for run in runs])
+    extent = float(np.nanmax(np.nanmax(every, axis=0) - np.nanmin(every, axis=0)))
+    times = time_constant * _TIMES
+    return {
+        "a lag of the thrusters": (lagged, times),
+        "a delay of the commands": (delayed, np.concatenate((-times[:-4], times))),
+        "a slew limit of the commands": (slewed, extent / time_constant * _RATES),
+        "play of the commands": (played, extent * _WIDTHS),
+    }
+
+
+def _driven(run: Run, vehicle: Vehicle, change: _Drive, size: float) -> Run:
+    """The run with ``change`` in its commands; where they are unknown they stay so."""
+    trial, columns = run.trial, []
+    for command in trial.commands.T:
+        known = np.isfinite(command)
+        if not known.any():
+            return run
+        column = np.full(len(command), np.nan)
+        column[known] = change(trial.time[known], np.ascontiguousarray(command[known]), size)
+        columns.append(column)
+    moved = replace(trial, commands=np.column_stack(columns))
+    torque = vehicle.torque(moved)
+    return replace(run, trial=moved, torque=torque, filtered_torque=run.rates.filter_held(moved, torque))
+
+
+def _unexplained(model: QuickModel, logs: Collection[str] | None = None) -> float:
+    """Sum of the shares of the squared torque that the model leaves in these ``logs``, or in all."""
+    return sum(log.misfit**2 for log in model.logs if logs is None or log.name in logs)
