@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rovid.core.formatting import toml_text
+from rovid.core.formatting import TextTemplates, toml_text
 from rovid.preflight.command_effects import CommandEffect, command_effects
 from rovid.preflight.raw_columns import (
     COMMAND,
@@ -22,6 +22,7 @@ from rovid.preflight.raw_columns import (
 from rovid.preflight.thruster_guess import ThrusterCommand, distinct_name, neutral_value, short_name
 from rovid.trial.axis import AXES, GEODETIC_UNITS, LENGTH_UNITS, Axis, name_words
 
+_TEXTS = TextTemplates(__file__, "config")
 _NOT_MEASURED = word_list("axis", "not_measured") | COMMAND | SIDE
 _SPEED = word_list("axis", "speed")
 _DEPTH = word_list("axis", "depth")
@@ -186,22 +187,21 @@ def propeller_lines(guesses: Mapping[str, PlanarGuess], curve: str = "") -> Iter
     """A block of rovid.toml for a propeller: with a measured thrust ``curve``, or a thrust known up to a constant."""
     sources = {kind: guess.propeller for kind, guess in guesses.items() if guess.propeller[0]}
     if sources:
-        largest = max(most for _, most in sources.values())
-        yield ""
-        if not curve:
-            yield "# A propeller by its name. Its thrust follows the square of its speed, by an unknown constant."
-        yield "[[thrusters]]"
-        yield 'name = "propeller"'
-        yield "surge = 1.0"
-        if curve:
-            yield f"curve = {toml_text(curve)}"
-        else:
-            yield "thrust_constant = 1.0            # N per squared unit of the speed"
-            yield "thrust_constant_guessed = 1.0    # a guess as long as both are equal; times and ratios hold"
-            yield f"max_command = {1.1 * largest:.4g}"
-        yield (
-            "command = { " + ", ".join(f"{kind} = {toml_text(source)}" for kind, (source, _) in sources.items()) + " }"
-        )
+        most = f"{1.1 * max(most for _, most in sources.values()):.4g}"
+        command = inline_table({kind: source for kind, (source, _) in sources.items()})
+        text = "propeller_with_curve" if curve else "propeller"
+        yield from config_lines(text, curve=toml_text(curve), most=most, command=command)
+
+
+def inline_table(values: Mapping[str, str | int] | Mapping[str, str]) -> str:
+    """An inline table of rovid.toml."""
+    entries = [f"{key} = {toml_text(value) if isinstance(value, str) else value}" for key, value in values.items()]
+    return "{ " + ", ".join(entries) + " }"
+
+
+def config_lines(name: str, /, **values: str) -> list[str]:
+    """Lines of a text in templates/config.toml with these ``values``."""
+    return _TEXTS[name].removesuffix("\n").format(**values).split("\n")
 
 
 def _position(name: str, columns: Columns) -> SignalGuess | None:
@@ -240,9 +240,6 @@ def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
                 shown[axis] = effect
     if not shown:
         axis = "sway" if name_words(source) & _SIDEWAYS else "surge"
-        yield f"{axis} = 1.0            # share of the thrust along {axis}: an assumption, the logs do not show it"
-        yield f"{axis}_guessed = 1.0    # a guess as long as both are equal; 0 if it does not push along {axis}"
+        yield from config_lines("share_assumed", axis=axis)
     for axis, effect in shown.items():
-        share = f"{effect.direction:.1f}"
-        yield f"{axis} = {share}            # share of the thrust along {axis}: the sign is that of the logs"
-        yield f"{axis}_guessed = {share}    # a guess as long as both are equal ({effect.text})"
+        yield from config_lines("share_shown", axis=axis, share=f"{effect.direction:.1f}", evidence=effect.text)

@@ -12,7 +12,7 @@ from rovid.core.errors import LINE_LENGTH, RovidError, display_text
 from rovid.core.formatting import toml_key, toml_text
 from rovid.core.output_files import GUESSED_CURVE as GUESSED
 from rovid.core.output_files import OutputFile, OutputSet
-from rovid.preflight.axis_guess import PlanarGuess, propeller_lines, share_lines
+from rovid.preflight.axis_guess import PlanarGuess, config_lines, inline_table, propeller_lines, share_lines
 from rovid.preflight.drive_guess import RudderGuess
 from rovid.preflight.log_survey import FULL_THRUST, GUESSED_CURVE, LogSurvey, all_commands, output_files
 from rovid.preflight.raw_columns import SignalGuess
@@ -96,8 +96,7 @@ def assumptions_in(survey: LogSurvey) -> Assumptions:
 
 
 def _head(survey: LogSurvey) -> Iterator[str]:
-    yield f"# Written by `rovid init` from {log_count_text(survey)}. We guessed the columns: please check each one."
-    yield "# A line *_guessed marks a value that is not in the logs. Results that depend on it are placeholders."
+    yield from config_lines("head", logs=log_count_text(survey))
     for kind in survey.unrecognised:
         option = f"--{'command' if kind == 'command' else 'heading'} NAME"
         yield f"# OPEN: no column was recognised as {kind}. Put it in below, or run `rovid init LOGS {option} --force`."
@@ -134,11 +133,7 @@ def _vehicle(survey: LogSurvey) -> Iterator[str]:
 
 def _thrusters(survey: LogSurvey) -> Iterator[str]:
     if survey.curve_guessed and survey.curve == GUESSED_CURVE:
-        yield ""
-        proportional = f"thrust in proportion to the command, {FULL_THRUST:g} N at its end"
-        yield f"# {survey.curve} is a guess: {proportional}. Results are"
-        yield "# placeholders until a bench curve takes its place. The diagnosis may report what the guess lacks,"
-        yield "# such as a dead zone of the drive."
+        yield from config_lines("guessed_curve", curve=survey.curve, thrust=f"{FULL_THRUST:g}")
     elif survey.curve_guessed:
         yield ""
         yield f"# {survey.curve} is that of the type of vehicle, which is a guess."
@@ -162,18 +157,13 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
         yield f"{mark}curve = {toml_text(survey.curve)}"
         if survey.curve_guessed:
             yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
-        yield f"{mark}command = {_inline_table({kind: command.source for kind, command in commands.items()})}"
+        yield f"{mark}command = {inline_table({kind: command.source for kind, command in commands.items()})}"
     if survey.with_planar and _rudders(survey):
         yield from propeller_lines(survey.planar, survey.curve)
     yield from _rudder_blocks(survey)
     if "command" in survey.unrecognised:
         unit = "m" if survey.axis.angular else "share of the thrust along the axis"
-        yield ""
-        yield "# [[thrusters]]"
-        yield '# name = "NAME"'
-        yield f"# {survey.axis.arm_key} = 1.0    # {unit}"
-        yield '# curve = "CURVE.csv"'
-        yield '# command = { csv = "COLUMN" }'
+        yield from config_lines("open_thruster", key=survey.axis.arm_key, unit=unit)
     elif survey.axis.self_righting and not any(mapping.commands for mapping in survey.mappings.values()):
         yield ""
         yield f"# No command acts in {survey.axis.name}: each log is assumed to be a release of the tilted vehicle."
@@ -185,8 +175,8 @@ def _planar_shares(survey: LogSurvey, source: str) -> Iterator[str]:
     if direction is None:
         yield from share_lines(source, list(survey.planar.values()))
     else:
-        yield f"surge = {math.cos(direction):.4f}    # share of the thrust ahead"
-        yield f"sway = {math.sin(direction):.4f}    # share of the thrust to starboard"
+        ahead, starboard = f"{math.cos(direction):.4f}", f"{math.sin(direction):.4f}"
+        yield from config_lines("share_given", ahead=ahead, starboard=starboard)
 
 
 def _is_motor(commands: Mapping[str, ThrusterCommand]) -> bool:
@@ -197,10 +187,9 @@ def _motor(commands: Mapping[str, ThrusterCommand]) -> Iterator[str]:
     """Lines of a motor with a constant, given by format."""
     sign = next((one.direction for one in commands.values() if one.direction), 1)
     largest = max(abs(bound) for one in commands.values() for bound in (one.lowest, one.highest))
-    yield f"torque_constant = {sign:.1f}            # N m per unit of the command: not in the logs"
-    yield f"torque_constant_guessed = {sign:.1f}    # a guess as long as both are equal; times and ratios hold"
-    yield f"max_command = {1.0 if 0.3 < largest <= 1.0 else largest:.10g}"
-    yield f"command = {_inline_table({kind: command.source for kind, command in commands.items()})}"
+    most = f"{1.0 if 0.3 < largest <= 1.0 else largest:.10g}"
+    command = inline_table({kind: command.source for kind, command in commands.items()})
+    yield from config_lines("motor", sign=f"{sign:.1f}", most=most, command=command)
 
 
 def _rudders(survey: LogSurvey) -> list[tuple[str, RudderGuess]]:
@@ -219,21 +208,19 @@ def _rudder_blocks(survey: LogSurvey) -> Iterator[str]:
             kind: one.angle for kind, mapping in survey.mappings.items() for one in mapping.rudders if one.name == name
         }
         yield from _reasons(angles)
-        yield "[[rudders]]"
-        yield f"name = {toml_text(name)}"
-        yield f"angle = {_source_table(angles)}"
-        yield f"speed = {toml_text(rudder.speed)}"
-        mark = "" if survey.with_planar else "# "
-        yield f"{mark}position = [-1.0, 0.0]    # m ahead and to starboard; of surge, sway and yaw together: a guess"
         behind = survey.with_planar and any(guess.propeller[0] for guess in survey.planar.values())
-        line = 'behind = "propeller"' if behind else '# behind = "NAME"'
-        yield f"{line}    # the thruster in whose slipstream it stands"
+        yield from config_lines(
+            "rudder",
+            name=toml_text(name),
+            angle=_source_table(angles),
+            speed=toml_text(rudder.speed),
+            mark="" if survey.with_planar else "# ",
+            behind='behind = "propeller"' if behind else '# behind = "NAME"',
+        )
         if rudder.wheelbase is None:
             yield "# coefficient =       # N m s^2/(m^2 rad): not in the logs; times and ratios hold without it"
         else:
-            origin = "speed times tan(angle) over the yaw rate of these logs"
-            yield f"wheelbase = {rudder.wheelbase:g}            # m: {origin}"
-            yield f"wheelbase_guessed = {rudder.wheelbase:g}    # a guess as long as both are equal"
+            yield from config_lines("wheelbase", size=f"{rudder.wheelbase:g}")
 
 
 def _commands(survey: LogSurvey) -> dict[str, dict[str, ThrusterCommand]]:
@@ -267,8 +254,7 @@ def _arm(survey: LogSurvey, commands: Mapping[str, ThrusterCommand]) -> Iterator
             origin = "the sign is that of the logs; share of the thrust along the axis, 1 if straight along it"
         elif survey.profile_guessed and size:
             origin = "m: published for that type"
-        yield f"{key} = {arm}            # {origin}"
-        yield f"{key}_guessed = {arm}    # a guess as long as both are equal; put the measured value into {key}"
+        yield from config_lines("guessed_arm", key=key, arm=arm, origin=origin)
     else:
         origin = "published for this type" if survey.profile else "by the autopilot's parameters"
         yield f"yaw_arm = {direction * size:.4g}    # m: {origin}"
@@ -285,7 +271,7 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
     yield "[signals]"
     clocks = {kind: clock for kind, clock in survey.clock_sources.items() if clock and kind in survey.mappings}
     if clocks:
-        yield f"time = {_inline_table(clocks)}"
+        yield f"time = {inline_table(clocks)}"
     for name, guesses in _by_name({kind: one.signals for kind, one in survey.mappings.items()}).items():
         yield from _reasons(guesses)
         yield f"{toml_key(name)} = {_source_table(guesses)}"
@@ -306,8 +292,7 @@ def _planar_signals(survey: LogSurvey) -> Iterator[str]:
     named = _by_name({kind: one.signals for kind, one in survey.planar.items()})
     mark = "" if survey.with_planar else "# "
     if named and mark:
-        yield "# For surge, sway and yaw together (--axes planar), give surge and sway, the shares of the thrust, of"
-        yield "# each thruster, and these signals. `rovid init LOGS --axes planar --force` guesses all of them:"
+        yield from config_lines("planar_signals")
     for name, guesses in named.items():
         yield from _reasons(guesses)
         yield f"{mark}{toml_key(name)} = {_source_table(guesses)}"
@@ -317,11 +302,8 @@ def _join(survey: LogSurvey) -> Iterator[str]:
     join = survey.join
     if join is None:
         return
-    yield ""
-    yield "[join]"
-    yield f"# No file holds both {survey.axis.position_words} and commands: files whose names differ in one of these"
-    yield "# words form one trial."
-    yield f"parts = [{', '.join(map(toml_text, join.parts))}]"
+    parts = ", ".join(map(toml_text, join.parts))
+    yield from config_lines("join", position=survey.axis.position_words, parts=parts)
     if join.time:
         columns = [f"{toml_key(part)} = {toml_text(column)}" for part, (column, _) in join.time.items()]
         yield f"time = {{ {', '.join(columns)} }}"
@@ -329,8 +311,7 @@ def _join(survey: LogSurvey) -> Iterator[str]:
         yield from (f"# {line}" for line in wrap(survey.clock_offsets.text(group), _WIDTH))
     certain = [clock for clock in survey.clock_offsets.offsets if clock.certain]
     if not certain:
-        yield "# The clocks are assumed to agree. Put known offsets here, for a part or for a file:"
-        yield "# [join.offset]    # s to be added to that clock"
+        yield from config_lines("no_offset")
         return
     yield ""
     yield "[join.offset]    # s to be added to that clock, as estimated above"
@@ -344,10 +325,7 @@ def _join(survey: LogSurvey) -> Iterator[str]:
 
 def _exclusions(survey: LogSurvey) -> Iterator[str]:
     for exclusion in survey.overrides.exclusions:
-        yield ""
-        yield "[[leave_out]]"
-        yield f"log = {toml_text(exclusion.log)}"
-        yield f"from = {exclusion.begin:.10g}    # s from the beginning of the log"
+        yield from config_lines("exclusion", log=toml_text(exclusion.log), begin=f"{exclusion.begin:.10g}")
         if math.isfinite(exclusion.end):
             yield f"to = {exclusion.end:.10g}"
         yield f"reason = {toml_text(exclusion.reason)}"
@@ -361,12 +339,7 @@ def _source_table(guesses: Mapping[str, SignalGuess]) -> str:
         entries["unit"] = first.unit
     if first.sign < 0:
         entries["sign"] = -1
-    return _inline_table(entries)
-
-
-def _inline_table(values: Mapping[str, str | int] | Mapping[str, str]) -> str:
-    entries = [f"{key} = {toml_text(value) if isinstance(value, str) else value}" for key, value in values.items()]
-    return "{ " + ", ".join(entries) + " }"
+    return inline_table(entries)
 
 
 def _reasons(guesses: Mapping[str, SignalGuess] | Mapping[str, ThrusterCommand]) -> Iterator[str]:
