@@ -25,6 +25,7 @@ from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.quick_model import log_name
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
+from rovid.trial.rates import integral
 from rovid.trial.trial import Trial
 
 # Step and range of the shifts in periods of the cut-off, range as a share of the longest run, at least and at most;
@@ -317,11 +318,8 @@ def _without_sensor(data: RunsData, *, late_rate: bool) -> RunsData:
         if rate is not None and late_rate and not trial.rate_only:
             trial = replace(trial, rate=None)
         elif rate is not None and not trial.rate_only:
-            rate, known = rate - np.nan_to_num(run.rates.gyro_offset), np.isfinite(rate)
-            position = np.full(len(rate), np.nan)
-            steps = 0.5 * (rate[known][1:] + rate[known][:-1]) * np.diff(trial.time[known])
-            position[known] = np.concatenate(([0.0], np.cumsum(steps)))
-            trial = replace(trial, rate=rate, position=position, rate_only=True)
+            rate = rate - np.nan_to_num(run.rates.gyro_offset)
+            trial = replace(trial, rate=rate, position=integral(trial.time, rate), rate_only=True)
         trials.append(trial)
     return replace(data, runs=prepare_trials(trials, data.vehicle, cutoff=cutoff).items)
 

@@ -11,6 +11,7 @@ from rovid.core.errors import shortened_list
 from rovid.core.formatting import plus_minus, round_to_error, toml_key
 from rovid.preflight.raw_columns import MIN_SAMPLES, RawColumn, is_thruster_command, is_yaw_rate
 from rovid.preflight.signal_guess import turn_of_heading
+from rovid.trial.rates import integral
 
 # Standard errors of a significant offset or drift, and s, the smallest offset that matters; decision.
 SIGNIFICANT, _RELEVANT = 3.0, 0.02
@@ -184,8 +185,7 @@ def _integrals(log: Mapping[str, RawColumn]) -> Iterator[_Integral]:
         if (turn := turn_of_heading(column)) is not None:
             yield _Integral(source=source, time=time, values=np.unwrap(values * (2.0 * np.pi / turn)))
         elif is_yaw_rate(source):
-            steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time)
-            yield _Integral(source=source, time=time, values=np.append(0.0, np.cumsum(steps)), is_gyro=True)
+            yield _Integral(source=source, time=time, values=integral(time, values), is_gyro=True)
         elif is_thruster_command(source):
             held = np.append(0.0, np.cumsum(values[:-1] * np.diff(time)))
             yield _Integral(source=source, time=time, values=held, is_command=True)

@@ -17,6 +17,7 @@ from rovid.preflight.check import read_each_log, verdict_of
 from rovid.readers.campaign import examine_campaign
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault, stopping
+from rovid.trial.rates import integral
 from rovid.trial.segments import gap_limit
 from rovid.trial.trial import Campaign, Remark, Trial
 
@@ -63,7 +64,7 @@ def sensor_lags(runs: Sequence[PlanarRun]) -> Iterator[SensorLag]:
 
 def _windows(run: PlanarRun, position: str, rate: str) -> Iterator[FloatArray]:
     """(3, lags) sums of each window, without mean and trend."""
-    time, integral = _integral(run, rate)
+    time, turned = _integral(run, rate)
     if position not in run.sensors or len(time) < _FEWEST_READINGS:
         return
     readings = run.readings(position)
@@ -77,7 +78,7 @@ def _windows(run: PlanarRun, position: str, rate: str) -> Iterator[FloatArray]:
         stamps, values = readings.time[inside], readings.values[inside]
         trend = np.column_stack((np.ones(len(stamps)), stamps - stamps.mean()))
         basis, _ = np.linalg.qr(trend)
-        moved = np.interp(stamps[:, None] - lags, time, integral)
+        moved = np.interp(stamps[:, None] - lags, time, turned)
         moved -= basis @ (basis.T @ moved)
         values = values - basis @ (basis.T @ values)
         yield np.stack((np.full(len(lags), values @ values), values @ moved, np.einsum("ij,ij->j", moved, moved)))
@@ -96,8 +97,7 @@ def _integral(run: PlanarRun, rate: str) -> tuple[FloatArray, FloatArray]:
         course = np.interp(first.time, heading.time, heading.values)
         cos, sin = np.cos(course), np.sin(course)
         values = values * cos - across * sin if rate == "north" else values * sin + across * cos
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(first.time)
-    return first.time, np.concatenate(([0.0], np.cumsum(steps)))
+    return first.time, integral(first.time, values)
 
 
 def _best(sums: FloatArray) -> tuple[float, float, float]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.trial.axis import CLOCK_WORDS, HEADING_WORDS, YAW_RATE_WORDS, is_per_second, name_words
+from rovid.trial.rates import integral
 from rovid.trial.vehicle_presets import SIDE_WORDS
 
 # A whole turn in each unit of angle.
@@ -151,8 +152,7 @@ def _positions(signal: SignalGuess, column: RawColumn) -> tuple[FloatArray, Floa
         known = known[np.abs(stamps - np.median(stamps)) < _MAX_TIME_OFFSET]
     time, values = column.time[known], signal.sign * column.values[known]
     if signal.is_rate:
-        steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time)
-        return time, np.concatenate(([0.0], np.cumsum(steps)))[: len(time)]
+        return time, integral(time, values)
     if signal.unit in FULL_TURN:
         return time, np.unwrap(values * (2.0 * np.pi / FULL_TURN[signal.unit]))
     return time, values

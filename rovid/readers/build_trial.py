@@ -35,12 +35,13 @@ from rovid.faults.base import (
 from rovid.faults.catalogue import detectors_at
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
-from rovid.readers.time_base import TimeBase, TimedSeries, cumulative, integral, local_position, planar_readings
+from rovid.readers.time_base import TimeBase, TimedSeries, local_position, planar_readings
 from rovid.readers.timestamps import make_monotonic, timed_rows, without_rounding
 from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
 from rovid.trial.axis import YAW
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault
+from rovid.trial.rates import cumulative, integral
 from rovid.trial.segments import merged_intervals, subsampled_median
 from rovid.trial.trial import Remark, Trial
 from rovid.trial.vehicle import Steering
@@ -305,8 +306,7 @@ class _Builder:
 
     def known_command(self, name: str, logged: TimedSeries, data: CommandData) -> TimedSeries:
         """The ``logged`` command ``name`` with the repaired values of ``data``, known at least once."""
-        if data.values is not logged.values:
-            logged = TimedSeries(time=logged.time, values=data.values)
+        logged = replace(logged, values=data.values)
         if not logged.known.size:
             text = f"{self.raw.channels[name].source} ({name}) holds no number."
             raise self.error(text, "Map the column or topic that holds the command, or leave this log out.")

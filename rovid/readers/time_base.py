@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.core.array_types import BoolArray, FloatArray
 from rovid.readers.cleaning import DISTANCE, SPEED_KIND, TURNING, Kind, clean
 from rovid.readers.timestamps import is_plausible
 from rovid.trial.axis import EARTH_RADIUS
@@ -112,20 +112,6 @@ class TimeBase:
         inside = (stamps[before] <= self.time) & (self.time <= stamps[after])
         near = stamps[after] - stamps[before] <= gap_limit(np.diff(stamps))
         return np.where(exact | (inside & near), np.interp(self.time, stamps, known), np.nan)
-
-
-def integral(time: FloatArray, rate: FloatArray) -> FloatArray:
-    """(n,) integral of the rate by the trapezoidal rule; NaN where not measured."""
-    known = np.flatnonzero(np.isfinite(rate))
-    steps = 0.5 * (rate[known][1:] + rate[known][:-1]) * np.diff(time[known])
-    return cumulative(steps, known, len(time))
-
-
-def cumulative(steps: FloatArray, known: IntArray, count: int) -> FloatArray:
-    """(count,) cumulative sum of the (m-1,) ``steps`` between the (m,) ``known`` rows; NaN in the others."""
-    position = np.full(count, np.nan)
-    position[known] = np.concatenate(([0.0], np.cumsum(steps)))
-    return position
 
 
 # WGS 84: semi-major axis, m, and squared eccentricity.

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from rovid.core.array_types import ComplexArray, FloatArray
+from rovid.core.array_types import ComplexArray, FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.trial.trial import Trial
 
@@ -224,6 +224,20 @@ def resample(trial: Trial, values: FloatArray, grid: FloatArray) -> FloatArray:
     between = np.flatnonzero((after == before + 1) & (before >= 0) & (after < len(time)))
     out[between[time[after[between]] - time[before[between]] > limit]] = np.nan
     return out
+
+
+def integral(time: FloatArray, rate: FloatArray) -> FloatArray:
+    """(n,) integral of the rate by the trapezoidal rule; NaN where not measured."""
+    known = np.flatnonzero(np.isfinite(rate))
+    steps = 0.5 * (rate[known][1:] + rate[known][:-1]) * np.diff(time[known])
+    return cumulative(steps, known, len(time))
+
+
+def cumulative(steps: FloatArray, known: IntArray, count: int) -> FloatArray:
+    """(count,) cumulative sum of the (m-1,) ``steps`` between the (m,) ``known`` rows; NaN in the others."""
+    position = np.full(count, np.nan)
+    position[known] = np.concatenate(([0.0], np.cumsum(steps)))[: len(known)]
+    return position
 
 
 def cell_averages(time: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
