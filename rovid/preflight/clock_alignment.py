@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class ClockOffset:
 
     name: str  #: File, or part, as in [join].
     #: ``offset``, ``error``: s to be added to the clock, besides the setting in [join], at the beginning of the file if
-    #: the clock drifts; standard error.
+    #: the clock drifts (`at_start`); standard error.
     offset: float
     error: float
     #: ``drift``, ``drift_error``: ppm; 0 where not significant.
@@ -56,6 +57,14 @@ class ClockOffset:
     def is_significant(self) -> bool:
         """Whether the offset is significant and relevant, or the clock drifts."""
         return abs(self.offset) > max(SIGNIFICANT * self.error, _RELEVANT) or (bool(self.by) and bool(self.drift))
+
+    @property
+    def at_start(self) -> Self:
+        """The offset at the beginning of the file if the drift is significant; else the offset without a drift."""
+        if abs(self.drift) <= SIGNIFICANT * self.drift_error:
+            return replace(self, drift=0.0, drift_error=0.0)
+        offset, error = self.offset - 1e-6 * self.drift * self.middle, 1e-6 * self.drift_error * self.middle
+        return replace(self, offset=offset, error=math.hypot(self.error, error), middle=0.0)
 
     @property
     def join_settings(self) -> dict[str, str]:
@@ -115,20 +124,6 @@ class ClockOffsets:
         return text
 
 
-@dataclass(frozen=True, kw_only=True)
-class ClockAlignment:
-    """Correction of one clock to another one."""
-
-    #: ``offset``, ``error``: s to be added in the middle of the log, with standard error.
-    offset: float
-    error: float
-    #: ``drift``, ``drift_error``: further s per s.
-    drift: float
-    drift_error: float
-    middle: float  #: s from the beginning of the log to its middle.
-    columns: str  #: Columns that were compared, for people.
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Integral:
     """Integral of a signal at (n,) times in s, which gives the mean rate over any window."""
@@ -154,9 +149,9 @@ class _Integral:
         return np.asarray((self.rate(instants + step, window) - self.rate(instants - step, window)) / (2.0 * step))
 
 
-def align_clocks(reference: Mapping[str, RawColumn], other: Mapping[str, RawColumn]) -> ClockAlignment | None:
-    """Correction of the clock of ``other`` to that of ``reference``; None without a signal in both."""
-    found: list[ClockAlignment] = []
+def align_clocks(reference: Mapping[str, RawColumn], other: Mapping[str, RawColumn]) -> ClockOffset | None:
+    """Offset of the clock of ``other`` in the middle of its log; None without a signal that ``reference`` has, too."""
+    found: list[ClockOffset] = []
     for one in _integrals(reference):
         for two in _integrals(other):
             if one.is_command is two.is_command and _common_time(one, two) > 0.0:
@@ -221,7 +216,7 @@ def _coarse_offset(one: _Integral, two: _Integral, step: float, window: float) -
     return None
 
 
-def _refined(one: _Integral, two: _Integral, window: float, offset: float) -> ClockAlignment | None:
+def _refined(one: _Integral, two: _Integral, window: float, offset: float) -> ClockOffset | None:
     """Gauss-Newton from the coarse ``offset``, with the slopes of ``two`` as instruments: both signals are noisy."""
     margin = 0.5 * window + 2.0 * two.interval
     grid = np.arange(two.time[0] + margin, two.time[-1] - margin, max(one.interval, two.interval))
@@ -254,11 +249,12 @@ def _refined(one: _Integral, two: _Integral, window: float, offset: float) -> Cl
         return None
     # A logged rate is either an instantaneous value or the mean of an interval, a heading may be late by either.
     ambiguity = max(one.interval, two.interval) / 12.0**0.5 if one.is_gyro is not two.is_gyro else 0.0
-    return ClockAlignment(
+    return ClockOffset(
+        name="",
         offset=offset,
         error=math.hypot(float(errors[0]), ambiguity),
-        drift=drift,
-        drift_error=float(errors[1]),
+        drift=1e6 * drift,
+        drift_error=1e6 * float(errors[1]),
         middle=float(middle - two.time[0]),
-        columns=one.source if one.source == two.source else f"{two.source} against {one.source}",
+        by=one.source if one.source == two.source else f"{two.source} against {one.source}",
     )

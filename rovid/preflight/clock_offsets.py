@@ -27,7 +27,7 @@ from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, fit_innovations
 from rovid.estimate.nested_fits import fit_with_effects
 from rovid.estimate.output_error import fit_output_error
 from rovid.faults.clocks_apart import coarse_delays
-from rovid.preflight.clock_alignment import SIGNIFICANT, ClockAlignment, ClockOffset, ClockOffsets, align_clocks
+from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.formats import all_channels, relative_name
 from rovid.trial.config import Config
@@ -72,7 +72,7 @@ def estimate_clock_offsets(trials: Sequence[Trial], config: Config) -> ClockOffs
             starts[relative_name(file, config)] = trial.start_epoch
             alignment = align_clocks(files[home], files[file])
             if alignment is not None:
-                aligned.append(_aligned_clock(relative_name(file, config), alignment))
+                aligned.append(replace(alignment.at_start, name=relative_name(file, config)))
         owners = {_file_with(files, set(command.sources.values())) for command in config.commands}
         owner = owners.pop() if len(owners) == 1 else None
         if owner is not None and owner != home:
@@ -122,20 +122,6 @@ def _read_files(trial: Trial, config: Config) -> dict[Path, dict[str, RawColumn]
 
 def _file_with(files: Mapping[Path, Columns], sources: set[str]) -> Path | None:
     return next((file for file, columns in files.items() if sources & columns.keys()), None)
-
-
-def _aligned_clock(name: str, found: ClockAlignment) -> ClockOffset:
-    """Offset from an alignment, with the drift if it is significant."""
-    if abs(found.drift) <= SIGNIFICANT * found.drift_error:
-        return ClockOffset(name=name, offset=found.offset, error=found.error, by=found.columns, middle=found.middle)
-    return ClockOffset(
-        name=name,
-        offset=found.offset - found.drift * found.middle,
-        error=math.hypot(found.error, found.drift_error * found.middle),
-        drift=1e6 * found.drift,
-        drift_error=1e6 * found.drift_error,
-        by=found.columns,
-    )
 
 
 # ---- files of one part

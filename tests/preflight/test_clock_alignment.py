@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.clocks import told
 from rovid.core.array_types import FloatArray
-from rovid.preflight.clock_alignment import ClockAlignment, ClockOffset, ClockOffsets, align_clocks
+from rovid.preflight.clock_alignment import ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
 from tests.conftest import Rovid, slow
 from tests.readers.test_formats import day
@@ -45,7 +45,7 @@ def columns(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05)
     )
 
 
-def found(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05) -> ClockAlignment:
+def found(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05) -> ClockOffset:
     alignment = align_clocks(*columns(seed, ahead=ahead, drift=drift, noise=noise))
     assert alignment is not None
     return alignment
@@ -64,7 +64,7 @@ def test_an_offset_is_found_within_its_error(ahead: float, noise: float) -> None
 
 def test_a_drift_is_found_within_its_error() -> None:
     one = found(3, ahead=0.3, drift=400e-6, noise=0.02)
-    assert one.drift == pytest.approx(-400e-6, abs=3.0 * one.drift_error)
+    assert one.drift == pytest.approx(-400.0, abs=3.0 * one.drift_error)
     assert abs(one.drift) > 3.0 * one.drift_error
 
 
@@ -77,7 +77,7 @@ def test_a_yaw_rate_is_aligned_with_a_heading() -> None:
     alignment = align_clocks(home, gyro)
     assert alignment is not None
     assert alignment.offset == pytest.approx(-0.8, abs=3.0 * alignment.error)
-    assert alignment.columns == "yaw_rate_dps against heading_deg"
+    assert alignment.by == "yaw_rate_dps against heading_deg"
 
 
 def test_a_copied_command_is_aligned_but_not_its_response() -> None:
