@@ -15,7 +15,7 @@ from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import Effect, effect_named
 from rovid.effects.bias_torque import EFFECT as BIAS
 from rovid.effects.further_terms import trials_in_form
-from rovid.effects.thruster_imbalance import WITH_OTHERS
+from rovid.effects.thruster_imbalance import thruster_of
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.model.model import Model
@@ -290,7 +290,7 @@ def shared_effects(a: CampaignFit, b: CampaignFit) -> list[Effect]:
         effect = finding.effect
         if _is_campaign_specific(effect) or not (a.has_signals_for(effect) and b.has_signals_for(effect)):
             continue
-        thruster = effect.form.removesuffix(WITH_OTHERS) if effect.per_thruster else ""
+        thruster = thruster_of(effect.form) if effect.per_thruster else ""
         cause = f"{effect.id}:{thruster}"
         if cause not in best or finding.bic_gain > best[cause].bic_gain:
             best[cause] = finding
@@ -302,4 +302,4 @@ def shared_effects(a: CampaignFit, b: CampaignFit) -> list[Effect]:
 
 
 def _is_campaign_specific(effect: Effect) -> bool:
-    return is_signal(effect) or bool(trials_in_form(effect.form)) or effect.is_wave
+    return is_signal(effect) or bool(trials_in_form(effect.form)) or effect.is_wave or effect.begins_at_instant

@@ -17,7 +17,7 @@ from rovid.effects import Effect, EffectParameter
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.thruster_lag import EFFECT as LAG
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.nested_fits import exchanged_or_same, neutral_start, scaled_start
+from rovid.estimate.nested_fits import at_best_instant, exchanged_or_same, neutral_start, scaled_start
 from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
 
 
@@ -360,4 +360,4 @@ def _begin(current: FitResult, objective: NegativeLogLikelihood, test: ScoreTest
     else:
         starts = [[test.best_start], scaled]
     fits = [fit_from_best_start(objective, current, few, THRESHOLDS.first_iterations, goal) for few in starts]
-    return min(fits, key=lambda one: one.value)
+    return at_best_instant(min(fits, key=lambda one: one.value), THRESHOLDS.first_iterations)

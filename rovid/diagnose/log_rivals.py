@@ -28,8 +28,10 @@ from rovid.diagnose.objectives import preload
 from rovid.diagnose.result import Diagnosis, Finding, delays_of_the_sensor, is_delay
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.actuator_inputs import SPEEDS
+from rovid.effects.base import INSTANT
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.further_terms import trials_in_form
+from rovid.effects.thruster_imbalance import thruster_of
 from rovid.faults.base import named
 from rovid.faults.foreign_log import minority_payload
 from rovid.trial.axis import YAW
@@ -190,6 +192,7 @@ def diagnose_logs(
         *diagnosis.warnings,
         *_clock_warnings(prepared.items, diagnosis.causes),
         *_sensor_warnings(prepared.items, diagnosis.causes),
+        *_instants(prepared.items, diagnosis.causes),
         *([coupled] if coupled else []),
     )
     return replace(diagnosis, warnings=warnings, budget=budget.use)
@@ -350,3 +353,19 @@ def _sensor_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator
             "navigation filter delays or smooths by the same time looks the same in these logs. Log a gyro's rate, or "
             "the motors' speed, to tell which."
         )
+
+
+def _instants(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
+    """Log and time of each loss of thrust from an instant on."""
+    trials = sorted((run.trial for run in runs), key=lambda trial: trial.campaign_time)
+    for cause in causes:
+        if not cause.effect.begins_at_instant:
+            continue
+        seconds = 3600.0 * _size(cause, INSTANT.name)[0]
+        before = [trial for trial in trials if trial.campaign_time <= seconds][-1]
+        after = seconds - before.campaign_time
+        place = (
+            f"{before.name}, {after:.1f} s after its start" if after < before.duration else f"the end of {before.name}"
+        )
+        thruster = f" of {thruster_of(cause.effect.form)}" if cause.effect.per_thruster else ""
+        yield f"From {place}, the thrust{thruster} is {plus_minus(*_size(cause, 'gain'))} times the thrust before."

@@ -12,6 +12,7 @@ from rovid.diagnose.evidence import Evidence, grade
 from rovid.diagnose.signal_regressors import signal_name
 from rovid.diagnose.tables import TableDiagnosis
 from rovid.effects import Effect, effect_named
+from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, commands_by_name
 from rovid.model.model import Model
@@ -83,9 +84,11 @@ class Finding:
     def evidence(self) -> Evidence:
         """Evidence for the cause; of several indistinguishable ones, none is confirmed.
 
-        A cause is possible at most if another one in its place gains more, and was rejected for another reason.
+        A cause is possible at most if another one in its place gains more, and was rejected for another reason. So is a
+        size of its own in each trial, which describes the logs: no law relates the sizes to a load or to the time.
         """
-        if any(other.bic_gain > self.bic_gain for other in self.alternatives):
+        has_no_law = len(trials_in_form(self.effect.form)) > 1
+        if has_no_law or any(other.bic_gain > self.bic_gain for other in self.alternatives):
             return Evidence.POSSIBLE
         return grade(
             self.probability,

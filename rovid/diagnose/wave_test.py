@@ -20,6 +20,7 @@ from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.objective import UNLIMITED, NegativeLogLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY
+from rovid.trial.axis import YAW
 from rovid.trial.preprocessing import Run
 
 # Time constants in sampling intervals of a filter that an INS may have. Largest number of readings in the test for such
@@ -67,14 +68,17 @@ class WaveTest:
         """Two-sided p value of a band no wider than that of a sea; 1 for a narrower one.
 
         Any hump in the spectrum of a torque fits a second-order filter: flow separation, for instance, or a cause that
-        switches on and off. Only a band as narrow as that of waves is evidence for waves.
+        switches on and off. Only a band as narrow as that of waves is evidence for waves. A vehicle that turns at a
+        rate r meets waves of the frequency w at w - r and w + r, which widens their band by r/w.
         """
         fitted = self.fitted
         if fitted is None:
             return 0.0
         at = fitted.model.names.index(f"{fitted.effects[-1].key}.damping")
         error = math.sqrt(float(fitted.covariance(sandwich=not fitted.is_white)[at, at]))
-        excess = float(fitted.model.values[at]) - SEA_DAMPING
+        _, frequency, damping = fitted.model.wave_parameters.tolist()
+        turn = fitted.data.scales.rate / frequency if fitted.data.axis is YAW else 0.0
+        excess = damping - math.hypot(SEA_DAMPING, turn)
         return math.erfc(excess / error / math.sqrt(2.0)) if excess > 0.0 else 1.0
 
     @property

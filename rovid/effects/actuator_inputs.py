@@ -138,6 +138,14 @@ class ActuatorInputs:
         """(n,) s from the start of the campaign's first trial."""
         return np.concatenate([one.start_offset + self.time[one.rows] for one in self.trials])
 
+    def share_after(self, instant: float) -> FloatArray:
+        """(n,) share of the interval from each instant to the next that is later than ``instant``, in `campaign_time`.
+
+        The loops end at the last instant of a trial.
+        """
+        length = np.where(self.intervals > 0.0, self.intervals, 1.0)
+        return np.clip((self.campaign_time + length - instant) / length, 0.0, 1.0)
+
     @property
     def reference_thrust(self) -> FloatArray:
         """(k,) N; a tenth of full thrust, at which all forms of the thrust curve agree with the bench."""

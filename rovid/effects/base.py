@@ -35,6 +35,7 @@ OnSeries = Callable[[ActuatorInputs, FloatArray, Values], FloatArray]
 # (parameter values, largest change of a command) -> s after the change.
 Settling = Callable[[Values, float], float]
 __all__ = [
+    "INSTANT",
     "REFERENCE_RATE",
     "SPEEDS",
     "TERM_PARAMETERS",
@@ -255,6 +256,19 @@ class EffectParameter:
         return abs(self.neutral) > _INFINITE
 
 
+# Begin of an effect that lasts to the end of the campaign, in h from the begin of the first log. Its initial values are
+# shares of the time in all logs together. At 0 the effect acts in all logs.
+INSTANT = EffectParameter(
+    name="instant",
+    unit="h",
+    neutral=0.0,
+    low=0.0,
+    high=1.0,
+    initial_values=tuple((k + 0.5) / 16 for k in range(16)),
+    scale="day",
+)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Effect:
     """One physical cause, in one of its forms."""
@@ -323,6 +337,11 @@ class Effect:
             np.array([p.initial_values[min(number, len(p.initial_values) - 1)] for p in self.parameters], dtype=float)
             for number in range(count)
         ]
+
+    @property
+    def begins_at_instant(self) -> bool:
+        """Whether the effect begins at an instant of the campaign, its parameter `INSTANT`."""
+        return INSTANT in self.parameters
 
     def values(self, numbers: FloatArray) -> dict[str, float]:
         """Parameter values by name."""

@@ -186,8 +186,7 @@ def _thruster_forms(vehicle: Vehicle) -> list[Effect]:
     if len(names) < 2:
         # A single thruster only scales all torque, which yaw data do not determine.
         return []
-    suffixes = ("", thruster_imbalance.WITH_OTHERS)
-    return [thruster_imbalance.for_thruster(name + suffix) for name in names for suffix in suffixes]
+    return [thruster_imbalance.for_thruster(name + suffix) for name in names for suffix in thruster_imbalance.SUFFIXES]
 
 
 def effect_named(name: str) -> Effect:

@@ -8,7 +8,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects import further_terms
 from rovid.effects.actuator_dynamics import lagged
-from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnThrust, Values
+from rovid.effects.base import INSTANT, ActuatorInputs, Effect, EffectParameter, OnThrust, Values
 
 _CHANNEL = "supply_voltage"
 _HOUR = 3600.0
@@ -25,6 +25,16 @@ def _with_load(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> Fl
     load = np.abs(thrust).sum(axis=1) / float(inputs.full_thrust.sum())
     drop = values["sag"] * inputs.apply_per_trial(lagged, load, values["time_constant"])
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
+
+
+def _with_others(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    load = np.abs(thrust).sum(axis=1, keepdims=True) - np.abs(thrust)
+    return np.asarray(thrust * np.maximum(1.0 - values["sag"] * load / float(inputs.full_thrust.sum()), 0.0))
+
+
+def _from_instant(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    share = inputs.share_after(_HOUR * values[INSTANT.name])
+    return np.asarray(thrust * (1.0 - (1.0 - values["gain"]) * share)[:, None])
 
 
 def _with_time(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -52,6 +62,7 @@ def _with_voltage(inputs: ActuatorInputs, thrust: FloatArray, values: Values) ->
 _DRIFT = EffectParameter(
     name="drift", unit="1/h", neutral=0.0, low=_MAX_GAIN, high=_MAX_FADE, initial_values=(0.05,), scale="one/longest"
 )
+_GAIN = EffectParameter(name="gain", unit="1", neutral=1.0, low=0.3, high=2.0, initial_values=(0.9, 1.1))
 # Rivals of thrust with another size in some trials.
 _RIVALS_PER_TRIAL = ("thrust_asymmetry", "thruster_imbalance", "bias_torque")
 
@@ -78,6 +89,17 @@ FORMS: tuple[Effect, ...] = (
     EFFECT,
     replace(
         EFFECT,
+        form="others",
+        title="thrust lost to the other thrusters",
+        parameters=EFFECT.parameters[:1],
+        equation="F' = F·(1 − s·load of the other thrusters, as a share of full thrust)",
+        fingerprint="residual torque in proportion to −F·|F| of two thrusters that push together, none where one does",
+        experiment="one level of each thruster, with the other thrusters loaded and idle",
+        rivals=("thruster_imbalance", *EFFECT.rivals),
+        acts=OnThrust(_with_others),
+    ),
+    replace(
+        EFFECT,
         form="drift",
         parameters=(_DRIFT,),
         equation="T' = T·(1 − d·t), t since the log began",
@@ -96,6 +118,17 @@ FORMS: tuple[Effect, ...] = (
     ),
     replace(
         EFFECT,
+        form="instant",
+        title="thrust that drops at an instant",
+        parameters=(replace(_GAIN, initial_values=(0.9,)), INSTANT),
+        equation="T' = g·T from the instant on, in h since the first log began",
+        fingerprint="residual torque in proportion to T, in later logs only",
+        experiment="the first runs again; the supply's voltage in the log",
+        rivals=_RIVALS_PER_TRIAL,
+        acts=OnThrust(_from_instant),
+    ),
+    replace(
+        EFFECT,
         form="voltage",
         # 1.0 to 1.2 in bench data of a T200 at 10 to 20 V; 2 for a plain voltage chopper.
         parameters=(
@@ -107,8 +140,6 @@ FORMS: tuple[Effect, ...] = (
         acts=OnThrust(_with_voltage, anchored=True),
     ),
 )
-
-_TRIAL_GAIN = EffectParameter(name="gain", unit="1", neutral=1.0, low=0.3, high=2.0, initial_values=(0.9, 1.1))
 
 
 def for_trials(names: Sequence[str]) -> Effect:
@@ -126,7 +157,7 @@ def for_trials(names: Sequence[str]) -> Effect:
         EFFECT,
         form=further_terms.form_name(names),
         title="different thrust in one trial",
-        parameters=(_TRIAL_GAIN,),
+        parameters=(_GAIN,),
         equation="T' = g·T in the named trial",
         fingerprint="residual torque in proportion to T, in one log only",
         experiment="the named run again, and one of the other runs; the supply's voltage in the log",
@@ -136,7 +167,7 @@ def for_trials(names: Sequence[str]) -> Effect:
 
 
 def _for_several(names: Sequence[str]) -> Effect:
-    gains = further_terms.one_size_per_trial(_TRIAL_GAIN, len(names) - 1, 1.1)
+    gains = further_terms.one_size_per_trial(_GAIN, len(names) - 1, 1.1)
 
     def in_trials(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
         own = [values[gain.name] for gain in gains]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnThrust, Values
+from rovid.effects.base import INSTANT, ActuatorInputs, Effect, EffectParameter, OnThrust, Values
 
 
 def _unnamed(_: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -28,19 +28,43 @@ EFFECT: Effect = Effect(
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)
 
-# Suffix of a form; part of the effect keys in files.
-WITH_OTHERS = " beside others"
+_HOUR = 3600.0
+# Suffixes of a form; part of the effect keys in files.
+WITH_OTHERS, FROM_INSTANT = " beside others", " from an instant"
+SUFFIXES = ("", WITH_OTHERS, FROM_INSTANT)
 
 
-def for_thruster(name: str) -> Effect:
-    """The form for the thruster ``name``; with the suffix ``WITH_OTHERS``, only while another thruster pushes."""
-    thruster, with_others = name.removesuffix(WITH_OTHERS), name.endswith(WITH_OTHERS)
+def thruster_of(form: str) -> str:
+    """Name of the thruster in the name of a ``form``."""
+    return form.removesuffix(WITH_OTHERS).removesuffix(FROM_INSTANT)
+
+
+def for_thruster(form: str) -> Effect:
+    """The form for a thruster, named without a suffix; ``WITH_OTHERS``: only while another thruster pushes.
+
+    ``FROM_INSTANT``: From an instant of the day on, as with weed or a broken blade.
+    """
+    thruster = thruster_of(form)
 
     def weakened(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-        changed, at = thrust.copy(), inputs.names.index(thruster)
-        others = np.any(np.delete(thrust, at, axis=1) != 0.0, axis=1)
-        changed[:, at] *= np.where(others, values["gain"], 1.0) if with_others else values["gain"]
+        changed, at, share = thrust.copy(), inputs.names.index(thruster), np.ones(len(thrust))
+        if form.endswith(WITH_OTHERS):
+            share = np.any(np.delete(thrust, at, axis=1) != 0.0, axis=1).astype(np.float64)
+        elif form.endswith(FROM_INSTANT):
+            share = inputs.share_after(_HOUR * values[INSTANT.name])
+        changed[:, at] *= 1.0 - (1.0 - values["gain"]) * share
         return changed
 
-    equation = "F' = g·F of the named thruster while another one pushes" if with_others else EFFECT.equation
-    return replace(EFFECT, form=name, equation=equation, acts=OnThrust(weakened))
+    own = replace(EFFECT, form=form, acts=OnThrust(weakened))
+    if form.endswith(WITH_OTHERS):
+        return replace(own, equation="F' = g·F of the named thruster while another one pushes")
+    if form.endswith(FROM_INSTANT):
+        return replace(
+            own,
+            title="thruster that loses thrust",
+            parameters=(*EFFECT.parameters, INSTANT),
+            equation="F' = g·F of the named thruster from the instant on, in h since the first log began",
+            fingerprint="residual torque in proportion to one thruster's share of the thrust, in later logs only",
+            experiment="the first runs again; each thruster alone; look for weed and at the blades",
+        )
+    return own

@@ -17,9 +17,11 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import significant
 from rovid.effects import Effect
+from rovid.effects.base import INSTANT
 from rovid.effects.thruster_lag import EFFECT as LAG
 from rovid.estimate.dataset import time_constant
 from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.levenberg_marquardt import ITERATIONS
 from rovid.estimate.objective import NegativeLogLikelihood
 from rovid.estimate.parametrization import INERTIA
 from rovid.model.parameter_names import unit_of
@@ -37,6 +39,8 @@ _KEPT = 3
 _LEAST_RATIO = 0.05
 # Nats; the likelihood does not decide between optima that differ by less: odds of 400 to 1.
 DISTINGUISHABLE = 6.0
+# Instants that are tried at once, levels of nearer and nearer ones, and most repetitions after a fit.
+_INSTANTS, _INSTANT_LEVELS, _INSTANT_ROUNDS = 48, 3, 3
 # Share of the inertia by which two optima are one.
 _SAME_INERTIA = 0.03
 # Nats by which equal models may differ, since the filter takes other steps.
@@ -106,7 +110,8 @@ def _extended(
         min(neutral, key=lambda pair: pair[0])[1],
     ]
     coarse = sorted((fit(objective, x, iterations=_COARSE_ITERATIONS) for x in chosen), key=lambda one: one.value)
-    return exchanged_or_same(min((fit(objective, one.x) for one in coarse[:_CONTINUED]), key=lambda one: one.value))
+    best = min((fit(objective, one.x) for one in coarse[:_CONTINUED]), key=lambda one: one.value)
+    return exchanged_or_same(at_best_instant(best))
 
 
 def _one_less(effects: tuple[Effect, ...]) -> Iterator[tuple[tuple[Effect, ...], Effect]]:
@@ -132,6 +137,30 @@ def exchanged_or_same(fitted: FitResult, goal: float = math.inf) -> FitResult:
         return fitted
     handicaps = [DISTINGUISHABLE * _is_below_rigid_body(one) for one in (fitted, other)]
     return other if other.value + handicaps[1] < fitted.value + handicaps[0] else fitted
+
+
+def at_best_instant(fitted: FitResult, iterations: int = ITERATIONS) -> FitResult:
+    """The fit continued from the most likely instant of its last effect, if that has one.
+
+    The likelihood has an optimum near each change of the commands. So instants in all logs are tried, then nearer ones.
+    """
+    parametrization = fitted.objective.parametrization
+    if not fitted.effects or not fitted.effects[-1].begins_at_instant:
+        return fitted
+    at = len(fitted.x) - len(fitted.effects[-1].parameters) + fitted.effects[-1].parameters.index(INSTANT)
+    shares, instants = parametrization.logged_time
+    for _ in range(_INSTANT_ROUNDS):
+        x, centre, width = fitted.x, 0.5, 0.5
+        for _ in range(_INSTANT_LEVELS):
+            tried = [x, *(x.copy() for _ in range(_INSTANTS))]
+            for one, share in zip(tried[1:], centre + width * np.linspace(-1.0, 1.0, _INSTANTS), strict=True):
+                one[at] = np.interp(share, shares, instants)
+            (x,) = fitted.objective.most_likely(tried, 1)
+            centre, width = float(np.interp(x[at], instants, shares)), 2.0 * width / (_INSTANTS - 1)
+        if x is fitted.x:
+            break
+        fitted = fit(fitted.objective, x, iterations=iterations)
+    return fitted
 
 
 def covariance_of_optima(fitted: FitResult) -> tuple[FloatArray, list[str]]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import Effect, EffectParameter, restoring_effect
+from rovid.effects.base import INSTANT
 from rovid.estimate.dataset import NOISE_FLOOR, FitData
 from rovid.model.model import Model
 
@@ -29,6 +30,7 @@ _FIRST_SHARE, _FIRST_MEMORY, _BELOW_LIMIT = 0.01, 1.0, 0.1
 _STEP = 1e-5
 # Least size of a parameter for its difference step, as a share of its initial value.
 _LEAST_SIZE = 0.1
+_HOUR = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +116,21 @@ class Parametrization:
         """Distinct initial values of the parameters of the last effect, within their bounds."""
         last = self.effects[-1]
         own = slice(len(self.low) - len(last.parameters), None)
-        within = np.clip(last.initial_values, self.low[own], self.high[own])
+        values = np.array(last.initial_values)
+        if last.begins_at_instant:
+            at = last.parameters.index(INSTANT)
+            values[:, at] = np.interp(values[:, at], *self.logged_time)
+        within = np.clip(values, self.low[own], self.high[own])
         return [start for k, start in enumerate(within) if not (within[:k] == start).all(axis=1).any()]
+
+    @cached_property
+    def logged_time(self) -> tuple[FloatArray, FloatArray]:
+        """Begin and end of each log in turn: share of the time in all logs together, and coordinate of the instant."""
+        trials = sorted((run.trial for run in self.data.runs), key=lambda trial: trial.campaign_time)
+        logged = np.cumsum([0.0, *(trial.duration for trial in trials)])
+        sides = np.array([(trial.campaign_time, trial.campaign_time + trial.duration) for trial in trials])
+        shares = np.column_stack((logged[:-1], logged[1:])) / logged[-1]
+        return shares.ravel(), sides.ravel() / (_HOUR * self.data.scales.day)
 
     def initial(self) -> FloatArray:
         """(p,) initial coordinates, with each effect at the first of its initial values."""

@@ -11,7 +11,7 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.formatting import identifiers, xml_comment
 from rovid.effects import Effect
 from rovid.effects.actuator_inputs import neutral_commands
-from rovid.effects.thruster_imbalance import WITH_OTHERS
+from rovid.effects.thruster_imbalance import thruster_of
 from rovid.model.actuator_model import ActuatorModel, CommandSeries
 from rovid.model.bound_effects import BoundEffect
 from rovid.trial.trial import Trial
@@ -79,7 +79,7 @@ class ThrusterUnit(NamedTuple):
 
 def is_of_curve(effect: Effect) -> bool:
     """Whether a thrust curve represents the effect."""
-    return effect.id in _CURVE_EFFECTS and not effect.form.endswith(WITH_OTHERS)
+    return effect.id in _CURVE_EFFECTS and thruster_of(effect.form) == effect.form
 
 
 def thruster_curves(vehicle: Vehicle, limits: FloatArray, effects: Sequence[BoundEffect]) -> list[ThrusterCurve]:

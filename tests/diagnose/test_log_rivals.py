@@ -12,6 +12,7 @@ from rovid.core.budget import Budget
 from rovid.diagnose import log_rivals
 from rovid.diagnose.log_rivals import (
     _diagnose,
+    _instants,
     _sensor_warnings,
     _without_offset,
     coupled_causes,
@@ -91,6 +92,7 @@ def test_stamps_that_are_late_by_chance_are_no_delay(delay: float, kept: bool) -
     assert ("scatters by" in fault.text) != kept
 
 
+SAG = supply_sag.EFFECT
 NAMES = tuple(run.trial.name for run in day("small", 0))
 
 
@@ -111,6 +113,27 @@ def test_sizes_that_vary_over_all_logs_are_a_cause() -> None:
     assert few_logs(finding(effect, [0.8, 0.88, 0.96, 1.04, 1.12, 1.2]), 6) == ()
     assert few_logs(finding(supply_sag.for_trials(NAMES[1:2]), [0.8]), 6) == NAMES[1:2]
     assert few_logs(finding(supply_sag.FORMS[0], [0.1, 0.1]), 6) == ()
+
+
+def test_sizes_without_a_law_are_possible_at_most() -> None:
+    without_law, by_load = (
+        finding(supply_sag.for_trials(NAMES[:6]), [0.8, 0.9, 1.2, 1.0, 1.1, 1.0]),
+        finding(SAG, [0.2, 1.0]),
+    )
+    strong = [
+        replace(one, probability=0.97, held_out_gain=200.0, standard_errors=20.0) for one in (without_law, by_load)
+    ]
+    assert [one.evidence for one in strong] == ["possible", "confirmed"]
+
+
+@pytest.mark.parametrize(("seconds", "place"), [(3.0, "3.0 s after its start"), (-10.0, "the end of")])
+def test_a_loss_of_thrust_is_placed_in_its_log(seconds: float, place: str) -> None:
+    runs = [replace(one, trial=replace(one.trial, campaign_time=1e4 * k)) for k, one in enumerate(day("small", 0))]
+    effect = effect_named("thruster_imbalance:a from an instant")
+    (text,) = _instants(runs, [finding(effect, [0.6, (2e4 + seconds) / 3600.0]), finding(SAG, [0.2, 1.0])])
+    assert place in text
+    assert NAMES[2 if seconds > 0.0 else 1] in text
+    assert "thrust of a is 0.6" in text
 
 
 @pytest.mark.parametrize("found_by_others", [False, True])

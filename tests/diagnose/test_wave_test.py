@@ -17,6 +17,7 @@ from rovid.effects.catalogue import CATALOGUE
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.trial.axis import YAW
 from tests.synthetic import LOGGED, ROSUB, clock, gauss_markov, run
 
 WAVES = next(effect for effect in CATALOGUE if effect.is_wave)
@@ -45,14 +46,24 @@ def test_the_noise_of_a_filtered_heading_is_no_wave(*, filtered: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("damping", "error", "is_broad"), [(0.05, 0.02, False), (0.25, 0.02, False), (0.3, 0.1, False), (0.36, 0.04, True)]
+    ("damping", "error", "rate", "is_broad"),
+    [
+        (0.05, 0.02, 0.0, False),
+        (0.25, 0.02, 0.0, False),
+        (0.3, 0.1, 0.0, False),
+        (0.36, 0.04, 0.0, True),
+        # A turn at half of their frequency widens the band of waves: 0.56.
+        (0.36, 0.04, 0.6, False),
+        (0.7, 0.04, 0.6, True),
+    ],
 )
 def test_a_band_wider_than_that_of_a_sea_is_no_wave(
-    damping: float, error: float, is_broad: bool, monkeypatch: pytest.MonkeyPatch
+    damping: float, error: float, rate: float, is_broad: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    model = SimpleNamespace(names=("wave_torque.damping",), values=np.array([damping]))
+    model = SimpleNamespace(names=("wave_torque.damping",), wave_parameters=np.array([1.0, 1.2, damping]))
+    data = SimpleNamespace(scales=SimpleNamespace(rate=rate), axis=YAW)
     fitted: Any = SimpleNamespace(
-        model=model, effects=(WAVES,), is_white=True, covariance=lambda **_: np.array([[error**2]])
+        model=model, data=data, effects=(WAVES,), is_white=True, covariance=lambda **_: np.array([[error**2]])
     )
     monkeypatch.setattr(WaveTest, "held_out_gain", 60.0)
     tested = WaveTest(fitted, (), fitted=fitted, bic_gain=30.0)

@@ -75,6 +75,7 @@ SCALES = Scales(
     sqrt_thrust=math.sqrt(120.0),
     surge=0.8,
     sway=0.2,
+    day=1.0 / 60.0,
     time=4.2,
 )
 TIME = np.arange(0.0, 60.0, 0.05)

@@ -27,6 +27,7 @@ from rovid.estimate.nested_fits import (
 from rovid.model.model import Model
 from rovid.trial.preprocessing import prepare_trials
 from tests.conftest import slow
+from tests.synthetic import LOGGED, ROSUB, clock, gauss_markov, run
 
 LAG = effect_named("thruster_lag")
 # Nats: the filter takes its steps by the fastest state, so that equal models differ by what the steps cost.
@@ -143,6 +144,27 @@ def test_the_rigid_body_decides_between_two_optima() -> None:
         found = exchanged_or_same(start)
         assert found.model.inertia == pytest.approx(campaign.model.inertia, rel=0.05)
         assert covariance_of_optima(found)[1] == []
+
+
+@pytest.mark.parametrize("after", [37.0, slow(61.5)])
+def test_the_instant_of_a_loss_of_thrust_is_found_in_any_log(after: float) -> None:
+    rng, time, runs = np.random.default_rng(6), clock(120.0, 5.0), []
+    for number in range(3):
+        torque = 230.0 * np.repeat(rng.choice([-1.0, 0.0, 1.0], 25), 25)[: len(time)]
+        lost = np.where(number * 1000.0 + time >= 1000.0 + after, 0.6, 1.0)
+        noise, disturbance = rng.normal(0.0, 1e-3, len(time)), gauss_markov(len(time), 0.2, 3.0, 20.0, rng)
+        log = run(time, lost * torque, disturbance=disturbance, noise=noise)
+        # What was commanded is the torque without the loss.
+        commanded = replace(log.trial, commands=torque[:, np.newaxis], campaign_time=1000.0 * number)
+        runs.append(replace(log, trial=commanded, torque=torque))
+    objective = InnovationLikelihood(InnovationData(runs, LOGGED, ROSUB), 0.05)
+    base = FitResult.at(objective, objective.parametrization.initial())
+    fitted = fit_with_effects(base, [effect_named("supply_sag:instant")])
+    gain, instant = fitted.model.values[-2:]
+    assert gain == pytest.approx(0.6, abs=3.0 * float(np.sqrt(fitted.covariance(sandwich=False)[-2, -2])))
+    # The torque at that instant decides within how many samples it shows.
+    assert 3600.0 * instant == pytest.approx(1000.0 + after, abs=5.0)
+    assert covariance_of_optima(fitted)[1] == []
 
 
 def test_a_parameter_at_the_end_of_its_range_has_no_tight_error(lagged: Campaign) -> None:
