@@ -14,6 +14,7 @@ from rovid.diagnose.cross_validation import Fold
 from rovid.diagnose.screening import ScoreTest, bic_penalty, extended, first_of_each, further_forms
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, EffectParameter
+from rovid.effects.base import INSTANT
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.thruster_lag import EFFECT as LAG
 from rovid.estimate.fit_result import FitResult, fit
@@ -76,13 +77,17 @@ class Challenger:
 
 
 def bic_score(fitted: FitResult) -> float:
-    """Log-likelihood less the BIC penalty of all effect parameters, in nats (Schwarz 1978)."""
+    """Log-likelihood less the BIC penalty of all effect parameters, in nats (Schwarz 1978).
+
+    An instant has the penalty of two, because the best of many instants gains by chance (Zhang and Siegmund 2007).
+    """
     return value_at_score(fitted.value, fitted.objective)
 
 
 def value_at_score(score: float, objective: NegativeLogLikelihood) -> float:
     """Negative log-likelihood at which a model has the BIC score ``score``; the inverse of `bic_score`."""
-    return -score - bic_penalty(objective) * len(objective.parametrization.parameters)
+    parameters = objective.parametrization.parameters
+    return -score - bic_penalty(objective) * (len(parameters) + parameters.count(INSTANT))
 
 
 def fit_coarse(objective: NegativeLogLikelihood, x: FloatArray, iterations: int, goal: float = math.inf) -> FitResult:

@@ -154,7 +154,7 @@ def forms_for(
     """All forms that can be tried.
 
     ``channels``: Further channels in the logs.
-    ``trials``: Names of the trials.
+    ``trials``: Names of the trials, without which no effect begins at an instant.
     ``repeated``: Names of trials with enough data to fit a size for each trial.
     """
     found: list[Effect] = []
@@ -178,7 +178,7 @@ def forms_for(
     if vehicle.thrusters and _MIN_TRIALS <= len(repeated) <= _MAX_TRIALS:
         forms = [make(repeated) for make in _PER_TRIAL.values()]
         found += [effect for effect in forms if not effect.axes or vehicle.axis.name in effect.axes]
-    return tuple(found)
+    return tuple(effect for effect in found if trials or not effect.begins_at_instant)
 
 
 def _thruster_forms(vehicle: Vehicle) -> list[Effect]:

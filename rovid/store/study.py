@@ -135,8 +135,8 @@ class Study:
 
         Raises ConfigError if there is such an effect. The message suggests a similar one.
         """
-        thruster_forms = [form.key for form in forms_for(self.vehicle) if form.per_thruster]
         trials = [] if self.runs is None else [run.trial.name for run in self.runs.items]
+        thruster_forms = [form.key for form in forms_for(self.vehicle, trials=trials or ("",)) if form.per_thruster]
         axis = self.vehicle.axis.name
         for effect in effects:
             for name in set(trials_in_form(effect.form)).difference(trials):

@@ -101,7 +101,7 @@ WHERE = ActuatorInputs(
     command_range=np.array([[-5.0, 5.0], [-5.0, 5.0]]),
 )
 STAND_INS = [f"{name}:estimated" for name in ("speed_dependent_damping", "sideslip_moment")]
-EVERY = (*forms_for(VEHICLE, CHANNELS), *map(effect_named, STAND_INS))
+EVERY = (*forms_for(VEHICLE, CHANNELS, ["log_0"]), *map(effect_named, STAND_INS))
 ACTUATED = [effect for effect in EVERY if isinstance(effect.acts, Actuating)]
 
 each = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.key)
