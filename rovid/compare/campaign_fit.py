@@ -70,17 +70,7 @@ class CampaignFit:
         """The final free-running model of the diagnosis, without campaign-specific effects; None without diagnosis."""
         if self.diagnosis is None or self.diagnosis.extended is None:
             return None
-        model = self.diagnosis.extended.model
-        effects: list[Effect] = []
-        values: list[float] = []
-        first = 0
-        for effect in model.effects:
-            last = first + len(effect.parameters)
-            if not _is_campaign_specific(effect):
-                effects.append(effect)
-                values += model.effect_values[first:last]
-            first = last
-        return replace(model, effects=tuple(effects), effect_values=tuple(values))
+        return self.diagnosis.extended.model.with_effects(lambda effect: not _is_campaign_specific(effect))
 
     @property
     def found_effects(self) -> list[Effect]:

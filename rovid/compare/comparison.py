@@ -21,7 +21,7 @@ from rovid.core.threads import thread_map
 from rovid.effects import Effect
 from rovid.effects.thruster_imbalance import EFFECT as IMBALANCE
 from rovid.model.model import Model
-from rovid.model.simulation import HORIZONS, TrialSimulation, pooled_fit, simulate_runs
+from rovid.model.simulation import TrialSimulation, simulate_runs, simulation_errors
 from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.fault import fault_texts
 
@@ -236,13 +236,11 @@ def _causes(
 
 
 def _predict(model: Model, campaign: CampaignFit) -> CrossPrediction:
-    simulations = simulate_runs(campaign.runs, model, campaign.vehicle)
-    fit = pooled_fit(simulations)
-    errors: dict[float, float | None] = {}
-    for horizon in HORIZONS:
-        known = [error for one in simulations if (error := one.position_errors[horizon]) is not None]
-        errors[horizon] = math.sqrt(sum(error**2 for error in known) / len(known)) if known else None
-    return CrossPrediction(simulations=tuple(simulations), rate_r2=fit.r2, rate_rmse=fit.rmse, position_errors=errors)
+    simulations = tuple(simulate_runs(campaign.runs, model, campaign.vehicle))
+    errors = simulation_errors(simulations)
+    return CrossPrediction(
+        simulations=simulations, rate_r2=errors.r2, rate_rmse=errors.rate, position_errors=errors.position
+    )
 
 
 def _fit_warnings(estimates: Mapping[CampaignFit, SharedEstimate]) -> list[str]:

@@ -1,7 +1,7 @@
 """Comparison of two campaigns by the coupled model of surge, sway and yaw."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +9,6 @@ from rovid.core.errors import ConfigError
 from rovid.effects import Effect
 from rovid.model.parameter_names import PLANAR_UNITS
 from rovid.model.simulation import FitMeasures
-from rovid.planar.model import PlanarModel
 from rovid.planar.trial_simulation import pooled_measures
 from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Entry, Parameters
@@ -31,10 +30,6 @@ class PlanarCampaign:
     name: str
     parameters: Parameters
     study: PlanarStudy | None = None
-
-    def model_for(self, other: "PlanarCampaign") -> PlanarModel | None:
-        """The model of these parameters on the vehicle of ``other``; None without logs there."""
-        return None if other.study is None else other.study.model(self.parameters)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,44 +80,31 @@ def planar_campaigns(paths: tuple[Path, Path], report: Callable[[str], None]) ->
     ConfigError if a parameter file holds the parameters of one axis.
     """
     sides = [_opened(path, report) for path in paths]
-    shared = [effect for side in sides for effect in side.effects if not effect.environmental]
-    return _fitted(sides[0], shared, report), _fitted(sides[1], shared, report)
+    shared = [effect for _, _, effects in sides for effect in effects if not effect.environmental]
+    found = []
+    for path, (stored, study, effects) in zip(paths, sides, strict=True):
+        parameters = stored or Parameters(path=path, axis=PLANAR)
+        if stored is None and study is not None:
+            report(f"Fitting {path.name} …")
+            fit = study.fit(tuple(dict.fromkeys((*shared, *effects))))
+            parameters = with_fit(parameters, fit, study.provenance)
+        found.append(PlanarCampaign(name=str(path), parameters=parameters, study=study))
+    return found[0], found[1]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Opened:
-    """A parameter file with its logs as far as they exist, or a folder of logs with the causes in it."""
-
-    path: Path
-    stored: Parameters | None
-    study: PlanarStudy | None
-    effects: tuple[Effect, ...]
-
-
-def _opened(path: Path, report: Callable[[str], None]) -> _Opened:
+def _opened(path: Path, report: Callable[[str], None]) -> tuple[Parameters | None, PlanarStudy | None, list[Effect]]:
+    """A parameter file with its logs as far as they exist, or None and a folder of logs; and the causes in either."""
     if path.is_file():
         stored = read_parameters(path)
         if stored.axis is not PLANAR:
             text = f"holds the parameters of {stored.axis.name}, but --axes is planar."
             raise ConfigError(text, where=path, mend="Give the file of another fit.")
         has_logs = bool(stored.logs) and all(log.exists() for log in stored.logs)
-        study = open_planar_study(stored.logs) if has_logs else None
-        return _Opened(path=path, stored=stored, study=study, effects=tuple(map(planar_effect, stored.effects)))
+        return stored, open_planar_study(stored.logs) if has_logs else None, list(map(planar_effect, stored.effects))
     study = open_planar_study([path])
     report(f"Diagnosing {path.name} …")
     extended = study.diagnosis(report).extended
-    effects = () if extended is None else tuple(one.effect for one in extended.fit.model.effects)
-    return _Opened(path=path, stored=None, study=study, effects=effects)
-
-
-def _fitted(side: _Opened, shared: Sequence[Effect], report: Callable[[str], None]) -> PlanarCampaign:
-    """The campaign of a file as it is; logs are fitted with the ``shared`` effects and their own."""
-    stored = side.stored
-    if stored is None and side.study is not None:
-        report(f"Fitting {side.path.name} …")
-        fit = side.study.fit(tuple(dict.fromkeys((*shared, *side.effects))))
-        stored = with_fit(Parameters(path=side.path, axis=PLANAR), fit, side.study.provenance)
-    return PlanarCampaign(name=str(side.path), parameters=stored or Parameters(path=side.path), study=side.study)
+    return None, study, [] if extended is None else [one.effect for one in extended.fit.model.effects]
 
 
 def compare_planar(a: PlanarCampaign, b: PlanarCampaign, *, relevant_change: float) -> PlanarComparison:
@@ -137,13 +119,12 @@ def compare_planar(a: PlanarCampaign, b: PlanarCampaign, *, relevant_change: flo
         verdict = "changed"
     elif not detectable or not all(limit <= relevant_change for limit in detectable.values()):
         verdict = "cannot_tell"
-    predictions = {}
-    for (one, model_of), (other, runs_of) in (
-        (("a", a), ("b", b)), (("a", a), ("a", a)), (("b", b), ("b", b)), (("b", b), ("a", a))
-    ):  # fmt: skip
-        model = model_of.model_for(runs_of)
-        if model is not None and runs_of.study is not None:
-            predictions[one, other] = pooled_measures(runs_of.study.simulate(model))
+    predictions, sides = {}, {"a": a, "b": b}
+    for one, other in (("a", "b"), ("a", "a"), ("b", "b"), ("b", "a")):
+        study = sides[other].study
+        if study is not None:
+            simulations = study.simulate(study.model(sides[one].parameters))
+            predictions[one, other] = pooled_measures(simulations)
     return PlanarComparison(verdict=verdict, a=a, b=b, changes=changes, predictions=predictions, detectable=detectable)
 
 

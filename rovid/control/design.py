@@ -246,7 +246,7 @@ def closed_runs(
     manoeuvres: Sequence[HeadingManoeuvre],
 ) -> list[ClosedLoopResult]:
     """Each manoeuvre with and without model aid; with effects also before and after the aid knows of them."""
-    bare = replace(model, effects=(), effect_values=())
+    bare = model.with_effects()
     bench = allocate(vehicle, bare)
     plain = replace(law, static_terms=NO_STATIC_TERMS, lowest=bench.lowest, highest=bench.highest)
     # Controller, its allocation, model aid, and effects known.

@@ -6,6 +6,9 @@ this.
 
 import math
 
+# Standard errors to either end of a two-sided 95 % interval of the normal distribution.
+NORMAL_95 = 1.959964
+
 
 def chi2_sf(dof: float, value: float) -> float:
     """Probability that chi-square with ``dof`` degrees of freedom exceeds ``value``."""

@@ -127,3 +127,21 @@ def _position_errors(run: Run, model: Model, torque_input: TorqueInput) -> dict[
                 errors.append(predicted_turn(at, end) - (angle[end] - angle[at]))
         found[horizon] = float(np.sqrt(np.mean(np.square(errors)))) if errors else None
     return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationErrors:
+    """RMS error of the rate in rad/s or m/s, its R²; horizon in s -> RMS error of the position in rad or m."""
+
+    rate: float
+    r2: float
+    position: dict[float, float | None]
+
+
+def simulation_errors(simulations: Sequence[TrialSimulation]) -> SimulationErrors:
+    """Errors of all trials together; of the position over the trials that last long enough."""
+    fit, position = pooled_fit(simulations), {}
+    for horizon in HORIZONS:
+        known = [error for item in simulations if (error := item.position_errors.get(horizon)) is not None]
+        position[horizon] = float(np.sqrt(np.mean(np.square(known)))) if known else None
+    return SimulationErrors(rate=fit.rmse, r2=fit.r2, position=position)

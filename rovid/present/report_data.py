@@ -18,7 +18,7 @@ from rovid.estimate.isolability import PairSeparation, SizedCause, expected_sepa
 from rovid.estimate.steady_drag import DragFit
 from rovid.export.run_export import VerifiedExport
 from rovid.model.model import Model
-from rovid.model.simulation import HORIZONS, TrialSimulation, pooled_fit, simulate_runs
+from rovid.model.simulation import TrialSimulation, simulate_runs
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import Study
 from rovid.trial.axis import Axis
@@ -159,21 +159,3 @@ def worst_first(simulations: Sequence[TrialSimulation]) -> list[int]:
     errors[~np.isfinite(errors)] = -1.0
     order: list[int] = np.argsort(-errors, kind="stable").tolist()
     return order
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulationErrors:
-    """RMS error of the rate in rad/s or m/s, its R²; horizon in s -> RMS error of the position in rad or m."""
-
-    rate: float
-    r2: float
-    position: dict[float, float | None]
-
-
-def simulation_errors(simulations: Sequence[TrialSimulation]) -> SimulationErrors:
-    """Errors of all trials together; of the position over the trials that last long enough."""
-    fit, position = pooled_fit(simulations), {}
-    for horizon in HORIZONS:
-        known = [error for item in simulations if (error := item.position_errors.get(horizon)) is not None]
-        position[horizon] = float(np.sqrt(np.mean(np.square(known)))) if known else None
-    return SimulationErrors(rate=fit.rmse, r2=fit.r2, position=position)

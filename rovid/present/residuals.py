@@ -3,10 +3,12 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.stats import NORMAL_95
 from rovid.effects import Effect
 from rovid.model.model import Model
 from rovid.model.ode import evaluate_along
@@ -20,8 +22,6 @@ from rovid.trial.vehicle import Vehicle
 _SEGMENT, _SHORTEST = 1024, 64
 # Bins of means over a driver.
 _DRIVER_BINS = 32
-# Standard deviations to either end of a two-sided 95 % interval of the normal distribution.
-_NORMAL_95 = 1.959964
 # Points of a smooth curve.
 _CURVE = 300
 # Share of the missing torque by which a driver has to exceed a simpler one.
@@ -44,26 +44,19 @@ class ResidualTorque:
 
 def residual_torques(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[ResidualTorque]:
     """Torque of each run that inertia, drag, weight and buoyancy do not explain."""
-    return [_residual_torque(run, model, vehicle) for run in runs]
-
-
-def _residual_torque(run: Run, model: Model, vehicle: Vehicle) -> ResidualTorque:
-    rates = run.rates
-    filtered = model.torque_input(vehicle, run.trial).mapped(lambda series: rates.filter_held(run.trial, series))
-    torque = filtered.torque if model.effects else run.filtered_torque
-    item = ResidualTorque(
-        run=run,
-        thruster_torque=torque,
-        effect_inputs=filtered.effect_inputs,
-        residual=np.asarray(torque - model.inertia * rates.acceleration - model.drag(rates.rate)),
-        noise_sd=model.inertia * rates.acceleration_noise,
-    )
-    return replace(item, residual=item.residual + _term_torques(item, _base_model(model)))
-
-
-def _base_model(model: Model) -> Model:
-    """``model`` without effects; weight and buoyancy remain."""
-    return replace(model, effects=(), effect_values=())
+    items, base = [], model.with_effects()
+    for run in runs:
+        filtered = model.torque_input(vehicle, run.trial).mapped(partial(run.rates.filter_held, run.trial))
+        torque = filtered.torque if model.effects else run.filtered_torque
+        item = ResidualTorque(
+            run=run,
+            thruster_torque=torque,
+            effect_inputs=filtered.effect_inputs,
+            residual=np.asarray(torque - model.inertia * run.rates.acceleration - model.drag(run.rates.rate)),
+            noise_sd=model.inertia * run.rates.acceleration_noise,
+        )
+        items.append(replace(item, residual=item.residual + _term_torques(item, base)))
+    return items
 
 
 def unexplained_torques(runs: PreparedRuns, model: Model, vehicle: Vehicle) -> list[ResidualTorque]:
@@ -71,11 +64,11 @@ def unexplained_torques(runs: PreparedRuns, model: Model, vehicle: Vehicle) -> l
 
     Waves remain, because their phase is not a parameter.
     """
-    items = []
+    items, base = [], model.with_effects()
     for item in residual_torques(_with_true_headings(runs, model, vehicle), model, vehicle):
         with_all = item.residual + _term_torques(item, model)
         # Weight and buoyancy were subtracted before.
-        items.append(replace(item, residual=with_all - _term_torques(item, _base_model(model))))
+        items.append(replace(item, residual=with_all - _term_torques(item, base)))
     return items
 
 
@@ -190,7 +183,8 @@ def missing_without(effect: Effect, runs: PreparedRuns, model: Model, vehicle: V
     """
     if effect.is_wave:
         return None
-    with_effect, without = (unexplained_torques(runs, each, vehicle) for each in (model, _less(model, effect)))
+    less = model.with_effects(lambda other: other.key != effect.key)
+    with_effect, without = (unexplained_torques(runs, each, vehicle) for each in (model, less))
     equation = all_residuals(with_effect) - all_residuals(without)
     known = np.isfinite(equation)
     if not known.any() or not np.any(equation[known]):
@@ -210,18 +204,6 @@ def missing_without(effect: Effect, runs: PreparedRuns, model: Model, vehicle: V
         line=_smooth_curve(bin_means(driver_values, equation)),
         independent=independent_share(runs.items, runs.cutoff),
     )
-
-
-def _less(model: Model, effect: Effect) -> Model:
-    """``model`` without ``effect``."""
-    effects, values = [], []
-    numbers = list(model.effect_values)
-    for each in model.effects:
-        own, numbers = numbers[: len(each.parameters)], numbers[len(each.parameters) :]
-        if each.key != effect.key:
-            effects.append(each)
-            values += own
-    return replace(model, effects=tuple(effects), effect_values=tuple(values))
 
 
 def _drivers(runs: Sequence[Run], axis: Axis) -> Iterator[tuple[str, FloatArray]]:
@@ -301,7 +283,7 @@ def independent_share(runs: Sequence[Run], cutoff: float) -> float:
 def white_band(items: Sequence[ResidualTorque], cutoff: float) -> float:
     """Half the width of the 95 % band of the autocorrelation of white noise after the same low pass."""
     duration = sum(period * len(part) for period, part in _stretches(items))
-    return _NORMAL_95 / math.sqrt(max(2.0 * cutoff * duration, 1.0))
+    return NORMAL_95 / math.sqrt(max(2.0 * cutoff * duration, 1.0))
 
 
 def _smooth_curve(means: BinMeans) -> tuple[FloatArray, FloatArray]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from rovid.compare.comparison import Comparison
 from rovid.compare.difference_tests import DRAG, THRUST_SCALE, ChangeCandidate, ParameterChange
+from rovid.compare.planar import PlanarComparison
 from rovid.control.design import ClosedLoopResult, ControllerDesign
 from rovid.control.specs import paper_runs
 from rovid.control.tuning import PHASE_MARGIN, SENSITIVITY_PEAK
@@ -22,6 +23,7 @@ from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.model.model import Model
 from rovid.model.parameter_names import without_form
+from rovid.planar.fit import PlanarFit
 from rovid.preflight.feedback_detection import detect_feedback
 from rovid.present.number_format import format_number
 from rovid.trial.assumptions import Assumptions
@@ -110,10 +112,14 @@ def improvement_words(errors: Mapping[str, tuple[float, float]]) -> str:
     return ", ".join(parts)
 
 
-def comparison_headline(comparison: Comparison) -> str:
+def comparison_headline(comparison: Comparison | PlanarComparison) -> str:
     """The result of a comparison in one sentence."""
     a, b = comparison.a.name, comparison.b.name
-    if comparison.verdict == "changed":
+    if isinstance(comparison, PlanarComparison) and comparison.changed:
+        found = [change for change in comparison.changes if change.changed]
+        words = [f"{one.name}, {plus_minus(one.ratio, one.standard_error)} times" for one in found]
+        return f"From {a} to {b} changed: {join_words(words)}."
+    if isinstance(comparison, Comparison) and comparison.verdict == "changed":
         changes = "; ".join(change_sentence(comparison, change) for change in comparison.changes.established)
         return f"From {a} to {b} changed: {changes}."
     if comparison.verdict == "same":
@@ -282,6 +288,15 @@ def fit_verdict(fit: LikelihoodFit) -> tuple[str, str]:
     if fit.white and not fit.at_limit:
         return "The model explains these logs: its one-step prediction errors are white.", "pass"
     return "The model misses something: run `rovid diagnose`.", "warn"
+
+
+def criterion_sentence(fit: LikelihoodFit | PlanarFit) -> str:
+    """Criterion of the fit, its value, and whether the innovations are white."""
+    white = "white" if fit.white else "not white"
+    return (
+        f"{fit.estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {fit.estimate.samples} readings; "
+        f"innovations {white}"
+    )
 
 
 def control_verdict(design: ControllerDesign) -> Iterator[tuple[str, str]]:

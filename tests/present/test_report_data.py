@@ -12,7 +12,8 @@ from rovid.diagnose.result import Diagnosis, ModelAssessment
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.model.model import Model
-from rovid.present.report_data import ReportData, effects_of, simulate_nested_models, simulation_errors, worst_first
+from rovid.model.simulation import simulation_errors
+from rovid.present.report_data import ReportData, effects_of, simulate_nested_models, worst_first
 from tests.present.conftest import staged, study_of
 
 

@@ -39,14 +39,14 @@ def value_document(value: float | None, unit: str, error: float | None = None) -
     return {"value": value, "standard_error": error, "unit": unit}
 
 
+def estimate_document(estimate: Estimate, name: str, unit: str | None = None) -> Document:
+    """A parameter of an estimate with its standard error."""
+    return value_document(estimate.value(name), unit or estimate.unit(name), estimate.standard_error(name))
+
+
 def fields(source: object, *names: str, **renamed: str) -> Document:
     """Fields of a record by their own names, and by other keys."""
     return {key: getattr(source, name) for key, name in (*zip(names, names, strict=True), *renamed.items())}
-
-
-def marked_value(guess: Assumptions, value: float, unit: str, error: float) -> Document:
-    """A value with its standard error, marked where it depends on a guess."""
-    return value_document(value, unit, error) | ({"placeholder": True} if guess.is_placeholder(unit) else {})
 
 
 def parameter_document(estimate: Estimate) -> Document:
@@ -55,8 +55,7 @@ def parameter_document(estimate: Estimate) -> Document:
     for name in estimate.names:
         if name in estimate.refused:
             continue
-        document[name] = value_document(estimate.value(name), estimate.unit(name), estimate.standard_error(name))
-        document[name]["interval_95"] = list(estimate.interval(name))
+        document[name] = estimate_document(estimate, name) | {"interval_95": list(estimate.interval(name))}
         if estimate.is_placeholder(name):
             document[name]["placeholder"] = True
         if name in estimate.from_prior:

@@ -63,7 +63,10 @@ def _prior_document(fit: PlanarFit) -> Document:
 
 def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
     """The document of `rovid fit --axes planar --json`."""
-    estimate = fit.estimate
+    estimate, disturbance = fit.estimate, {}
+    for axis, (size, time) in fit.disturbance.items():
+        times = {"correlation_time": value_document(time, "s"), "at_limit": axis in fit.at_limit}
+        disturbance[axis] = value_document(size, "N m" if axis == "yaw" else "N") | times
     return shared_fit_document(estimate, study.logs) | {
         **AXES_DOCUMENT,
         "parameters": planar_parameters(estimate),
@@ -72,21 +75,12 @@ def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
         "log_likelihood": fit.log_likelihood,
         "not_identifiable": ["thrust_scale", *estimate.refused],
         "noise": {sensor: value_document(size, SENSOR_UNITS[sensor]) for sensor, size in fit.noise.items()},
-        "disturbance": {axis: _disturbance(fit, axis) for axis in fit.disturbance},
+        "disturbance": disturbance,
         "latency": {sensor: value_document(late, "s", error) for sensor, (late, error) in fit.latency.items()},
         "innovations_white": fit.white,
         "criterion": "multi_step" if fit.multi_step else "innovations",
         "free_run_r2": dict(fit.free_run_r2),
         "standard_manoeuvres": measures_document(model_manoeuvres(fit, study.data)),
-    }
-
-
-def _disturbance(fit: PlanarFit, axis: str) -> Document:
-    size, time = fit.disturbance[axis]
-    unit = "N m" if axis == "yaw" else "N"
-    return value_document(size, unit) | {
-        "correlation_time": value_document(time, "s"),
-        "at_limit": axis in fit.at_limit,
     }
 
 
@@ -101,9 +95,23 @@ def planar_simulation_document(
     return shared_simulation_document(parameters, warnings, guess) | {
         **AXES_DOCUMENT,
         "undetermined": undetermined_document(parameters.undetermined),
-        "trials": list(map(_trial_document, simulations)),
+        "trials": [
+            {
+                "name": item.name,
+                "samples": item.samples,
+                **_measures(item.fits),
+                **_by_horizon("heading_error", item.heading_errors),
+                **_by_horizon("track_error", item.track_errors),
+                "track_error": item.track_rms,
+            }
+            for item in simulations
+        ],
         "overall": _measures(pooled_measures(simulations)),
-        "manoeuvres": list(map(manoeuvre_document, manoeuvres)),
+        "manoeuvres": [
+            fields(one, "run", "kind", "begin", "end", "steering")
+            | {"measured": measures_document(one.measured), "simulated": measures_document(one.simulated)}
+            for one in manoeuvres
+        ],
         "units": {
             **{f"{sensor}_rmse": unit for sensor, unit in SENSOR_UNITS.items()},
             "heading_error": "rad",
@@ -112,15 +120,8 @@ def planar_simulation_document(
     }
 
 
-def _trial_document(item: PlanarTrialSimulation) -> Document:
-    return {
-        "name": item.name,
-        "samples": item.samples,
-        **_measures(item.fits),
-        **{f"heading_error_{seconds:.0f}s": error for seconds, error in item.heading_errors.items()},
-        **{f"track_error_{seconds:.0f}s": error for seconds, error in item.track_errors.items()},
-        "track_error": item.track_rms,
-    }
+def _by_horizon(name: str, errors: Mapping[float, float | None]) -> Document:
+    return {f"{name}_{seconds:.0f}s": error for seconds, error in errors.items()}
 
 
 def _measures(fits: Mapping[str, object]) -> Document:
@@ -128,15 +129,6 @@ def _measures(fits: Mapping[str, object]) -> Document:
         f"{sensor}_{measure}": getattr(fit, measure)
         for sensor, fit in fits.items()
         for measure in ("r2", "fit_percent", "rmse")
-    }
-
-
-def manoeuvre_document(one: RunManoeuvre) -> Document:
-    """A manoeuvre that was recognised in a run; angles in rad."""
-    return {
-        **fields(one, "run", "kind", "begin", "end", "steering"),
-        "measured": measures_document(one.measured),
-        "simulated": measures_document(one.simulated),
     }
 
 
@@ -211,7 +203,7 @@ def _assessment(side: PlanarAssessment | None) -> Document | None:
         "held_out": {
             "log_likelihood": scores.log_likelihood,
             **{f"{speed}_rmse": error for speed, error in scores.rmse.items()},
-            **{f"heading_error_{horizon:.0f}s": error for horizon, error in scores.heading_errors.items()},
+            **_by_horizon("heading_error", scores.heading_errors),
             "units": units,
         },
     }

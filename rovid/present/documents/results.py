@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from rovid.control.autopilot import AutopilotLaw
 from rovid.control.design import ClosedLoopResult, ControllerDesign
@@ -55,10 +54,11 @@ def simulation_document(
 
 def shared_simulation_document(parameters: Parameters, warnings: Sequence[str], guess: Assumptions) -> fits.Document:
     """The part that the documents of all simulations share."""
-    entries = {
-        name: fits.marked_value(guess, entry.value, entry.unit, entry.standard_error) | fits.sname_document(name)
-        for name, entry in parameters.entries.items()
-    }
+    entries = {}
+    for name, entry in parameters.entries.items():
+        value = fits.value_document(entry.value, entry.unit, entry.standard_error)
+        placeholder = {"placeholder": True} if guess.is_placeholder(entry.unit) else {}
+        entries[name] = value | placeholder | fits.sname_document(name)
     return {
         "schema": "rovid-simulation/1",
         "parameters": entries,
@@ -277,37 +277,23 @@ def _clock_document(clock: ClockOffset) -> fits.Document:
     return {**vars(clock), "given": list(clock.given), "certain": clock.certain}
 
 
-def effect_trial_document(found: EffectTrial, warnings: list[str]) -> dict[str, Any]:
+def effect_trial_document(found: EffectTrial, warnings: list[str]) -> fits.Document:
     """Gains of the tried effect and of the catalogue's."""
     others = [{"effect": name, "log_likelihood_gain": gain} for name, gain in found.others.items()]
-    return {
-        "schema": "rovid-effect/1",
-        "tried": list(map(_gain, found.tried)),
-        "catalogue": others,
-        "warnings": warnings,
-    }
+    tried = list(map(_gain, found.tried))
+    return {"schema": "rovid-effect/1", "tried": tried, "catalogue": others, "warnings": warnings}
 
 
-def _gain(one: EffectGain) -> dict[str, Any]:
-    estimate, key = one.estimate, one.effect.key
-    parameters = {
-        parameter.name: {
-            "value": estimate.value(f"{key}.{parameter.name}"),
-            "standard_error": estimate.standard_error(f"{key}.{parameter.name}"),
-            "unit": parameter.unit,
-        }
-        for parameter in one.effect.parameters
-    }
-    return {
-        "effect": key,
-        "beside": list(one.beside),
-        "log_likelihood_gain": one.gain,
-        "held_out_gain": one.held_out_gain,
-        "parameters": parameters,
-    }
+def _gain(one: EffectGain) -> fits.Document:
+    key, parameters = one.effect.key, {}
+    for parameter in one.effect.parameters:
+        name = f"{key}.{parameter.name}"
+        parameters[parameter.name] = fits.estimate_document(one.estimate, name, parameter.unit)
+    gains = fits.fields(one, log_likelihood_gain="gain", held_out_gain="held_out_gain")
+    return {"effect": key, "beside": list(one.beside), **gains, "parameters": parameters}
 
 
-def discovery_document(found: Discovery, warnings: list[str]) -> dict[str, Any]:
+def discovery_document(found: Discovery, warnings: list[str]) -> fits.Document:
     """Formulas, best first, and the causes of the catalogue next to which they predict."""
     return {
         "schema": "rovid-discovery/1",
@@ -318,21 +304,14 @@ def discovery_document(found: Discovery, warnings: list[str]) -> dict[str, Any]:
     }
 
 
-def _formula(found: Discovery, formula: Formula) -> dict[str, Any]:
+def _formula(found: Discovery, formula: Formula) -> fits.Document:
     estimate, units = formula.estimate, units_of(formula, found.grammar.units if found.grammar else {})
-    parameters = {
-        name: {"value": estimate.value(name), "standard_error": estimate.standard_error(name), "unit": units[name]}
-        for name in estimate.names
-    }
+    gains = {"log_likelihood_gain": "gain", "held_out_gain": "held_out_gain"}
+    gains |= {"held_out_log_likelihood_gain": "held_out_nats", "inclusion": "inclusion", "nearest": "nearest"}
     return {
         "formula": formula.text,
         "signals": list(formula.signals),
-        "parameters": parameters,
-        "log_likelihood_gain": formula.gain,
-        "held_out_gain": formula.held_out_gain,
-        "held_out_log_likelihood_gain": formula.held_out_nats,
-        "inclusion": formula.inclusion,
-        "nearest": formula.nearest,
-        "code_length": formula.price,
+        "parameters": {name: fits.estimate_document(estimate, name, units[name]) for name in estimate.names},
+        **fits.fields(formula, **gains, code_length="price"),
         "beside": list(formula.beside),
     }

@@ -12,17 +12,16 @@ import numpy as np
 from rovid import __version__
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.core.formatting import plus_minus
 from rovid.core.output_files import OutputSet
 from rovid.diagnose.result import UNIDENTIFIABLE, Finding
-from rovid.planar.dataset import is_yaw_alone
+from rovid.planar.dataset import PlanarRun, is_yaw_alone
 from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.fit import PlanarFit
 from rovid.planar.manoeuvres import Measures
 from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
 from rovid.present.documents.planar import next_planar_experiment
-from rovid.present.number_format import format_number, unit_symbol
+from rovid.present.number_format import sensor_words
 from rovid.present.page.page_files import (
     FigureDraft,
     ReportFigure,
@@ -36,10 +35,12 @@ from rovid.present.page.page_files import (
     template_environment,
     write_page,
 )
+from rovid.present.page.summary import size_words
 from rovid.present.plots import canvas
 from rovid.present.plots import planar as plots
 from rovid.present.sentences import (
     cause_name,
+    criterion_sentence,
     evidence_definitions,
     evidence_words,
     next_step,
@@ -58,16 +59,6 @@ from rovid.trial.fault import fault_texts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MissingForces:
-    """Smoothed forces that the models miss in one run: axis -> (m,) N or N m at the ``time`` in s."""
-
-    run: str
-    time: FloatArray
-    base: Mapping[str, FloatArray]
-    full: Mapping[str, FloatArray]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class PlanarReport:
     """The contents of the page. ``base`` and ``full`` are the same object where no cause was found."""
 
@@ -78,7 +69,8 @@ class PlanarReport:
     full: PlanarFit
     before: Sequence[PlanarTrialSimulation]
     after: Sequence[PlanarTrialSimulation]
-    missing: MissingForces | None
+    #: Worst run, time in s, and smoothed forces in N or N m by axis that each model misses there.
+    missing: tuple[str, FloatArray, Mapping[str, FloatArray], Mapping[str, FloatArray]] | None
     manoeuvres: Measures  #: Standard manoeuvres of the model ``full``.
     headline: str  #: The result in one sentence or two.
     diagnosis: PlanarDiagnosis | None = None
@@ -130,7 +122,7 @@ def build_planar_report(
         full=full,
         before=before,
         after=before if full is base else study.simulate(full.model),
-        missing=_missing(study, before, base, full),
+        missing=_missing(study, study.data.runs[worst_run(before)], base, full),
         manoeuvres=model_manoeuvres(full, study.data),
         headline=planar.fit_sentence(full)
         if diagnosis is None
@@ -145,16 +137,15 @@ def build_planar_report(
 
 
 def _missing(
-    study: PlanarStudy, before: Sequence[PlanarTrialSimulation], base: PlanarFit, full: PlanarFit
-) -> MissingForces | None:
-    """Forces that both models miss in the worst run."""
-    run = study.data.runs[worst_run(before)]
+    study: PlanarStudy, run: PlanarRun, base: PlanarFit, full: PlanarFit
+) -> tuple[str, FloatArray, Mapping[str, FloatArray], Mapping[str, FloatArray]] | None:
+    """Forces that both models miss in a run, as in `PlanarReport`."""
     without, rest = (missing_forces(fit.model, run, yaw_only=is_yaw_alone(study.data)) for fit in (base, full))
     if without is None or rest is None:
         return None
     (time, forces), (other_time, others) = without, rest
     held = {axis: np.asarray(np.interp(time, other_time, force)) for axis, force in others.items()}
-    return MissingForces(run=run.name, time=time, base=forces, full=forces if full is base else held)
+    return run.name, time, forces, forces if full is base else held
 
 
 def _write(folder: Path, report: PlanarReport, claim: OutputSet, journal: Sequence[str]) -> Path:
@@ -188,11 +179,12 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
             alt=f"North against east of {len(chosen)} runs.",
         )
     for number, at in enumerate(chosen, 1):
+        agreements = [f"{sensor_words(speed)} R² {fit.r2:.3f}" for speed, fit in after[at].fits.items()]
         yield FigureDraft(
             f"planar_speeds_{number:02d}",
             plots.plot_speeds(before[at], after[at]),
             caption=f"{after[at].name}: speeds over ground in body axes. Pale: measured; {models}.",
-            alt=f"Surge, sway and yaw rate of {after[at].name}: {_error_words(after[at])}.",
+            alt=f"Surge, sway and yaw rate of {after[at].name}: {', '.join(agreements)}.",
         )
     length = report.study.vehicle.length
     if length is not None and not is_yaw_alone(report.study.data):
@@ -206,37 +198,19 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
                 alt="Dimensionless yaw rate against steering.",
             )
     if report.missing is not None:
-        lost = report.missing
+        run, *_ = report.missing
         yield FigureDraft(
             "planar_missing",
-            plots.plot_missing_forces(lost.run, lost.time, lost.base, lost.full),
-            caption=f"{lost.run}: forces that each model misses along each axis, from the smoothed motion.",
-            alt=f"Missing forces of {lost.run} against time.",
+            plots.plot_missing_forces(*report.missing),
+            caption=f"{run}: forces that each model misses along each axis, from the smoothed motion.",
+            alt=f"Missing forces of {run} against time.",
         )
-
-
-def _error_words(item: PlanarTrialSimulation) -> str:
-    parts = [f"{speed.replace('_', ' ')} R² {format_number(fit.r2, '.3f')}" for speed, fit in item.fits.items()]
-    return ", ".join(parts)
 
 
 def _cause_words(finding: Finding) -> str:
     """A cause with its parameters and its evidence."""
-    estimate = finding.estimate
-    sizes = [
-        f"{name.rpartition('.')[2].replace('_', ' ')} {plus_minus(estimate.value(name), estimate.standard_error(name))}"
-        f" {unit_symbol(estimate.unit(name))}".rstrip()
-        for name in estimate.names
-    ]
     name = cause_name(finding)
-    return f"{name[:1].upper()}{name[1:]}: {', '.join(sizes)}. {evidence_words(finding).capitalize()}."
-
-
-def _gain_table(diagnosis: PlanarDiagnosis | None) -> ResultTable | None:
-    """Errors on held-out trials without and with the causes."""
-    if diagnosis is None or diagnosis.base is None or diagnosis.extended is None:
-        return None
-    return planar.planar_held_out_table(diagnosis, diagnosis.base, diagnosis.extended)
+    return f"{name[:1].upper()}{name[1:]}: {size_words(finding)}. {evidence_words(finding).capitalize()}."
 
 
 def _manoeuvre_tables(report: PlanarReport) -> list[ResultTable]:
@@ -252,7 +226,11 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
     guess = study.vehicle.assumptions
     environment = template_environment()
     environment.globals["guess"] = guess
-    speeds = [figure for name, figure in figures.items() if name.startswith("planar_speeds")]
+
+    def of_kind(kind: str) -> list[ReportFigure]:
+        return [figure for name, figure in figures.items() if name.startswith(f"planar_{kind}")]
+
+    speeds = of_kind("speeds")
     found = report.diagnosis
     warnings = fit.warnings if found is None or found.extended is None else found.warnings
     causes = () if found is None else found.causes
@@ -263,22 +241,22 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "headline": report.headline,
         "fit_sentence": planar.fit_sentence(fit) if report.diagnosis else "",
         "simulation_sentence": planar.simulation_sentence(report.after),
-        "criterion": planar.criterion_sentence(fit),
+        "criterion": criterion_sentence(fit),
         "causes": list(map(_cause_words, causes)),
         "definitions": evidence_definitions(causes),
-        "gain": _gain_table(report.diagnosis),
+        "gain": found and planar.planar_held_out_table(found),
         "undetermined": planar.undetermined_sentences(fit),
         "by_prior": planar.prior_sentences(fit),
         "unknown": UNIDENTIFIABLE["thrust_scale"],
         "next_step": None
         if found is None
         else next_step(found, next_planar_experiment(found), guess, plan_command(report.stored.path, PLANAR)),
-        "tracks": [figure for name, figure in figures.items() if name == "planar_tracks"],
+        "tracks": of_kind("tracks"),
         "worst": speeds[:1],
         "others": speeds[1:],
-        "missing": [figure for name, figure in figures.items() if name == "planar_missing"],
+        "missing": of_kind("missing"),
         "manoeuvres": _manoeuvre_tables(report),
-        "curve": [figure for name, figure in figures.items() if name == "planar_turning_curve"],
+        "curve": of_kind("turning_curve"),
         "parameters": planar_parameters_table(report.stored),
         "without": planar_simulation_table(report.before) if report.base is not fit else None,
         "simulations": planar_simulation_table(report.after),

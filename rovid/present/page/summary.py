@@ -1,15 +1,16 @@
 """The first screen of the page: the error, its causes, the improvement, and the next run."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from rovid.core.formatting import plus_minus
 from rovid.diagnose.result import Diagnosis, Finding, delays_of_the_sensor, next_experiment
 from rovid.model.parameter_names import unit_of
-from rovid.model.simulation import HORIZONS
+from rovid.model.simulation import HORIZONS, simulation_errors
 from rovid.present.number_format import equal_decimals, number_with_unit, rounded_errors
-from rovid.present.report_data import ReportData, simulation_errors
+from rovid.present.report_data import ReportData
 from rovid.present.sentences import (
     CUT_SHORT,
     EXTENDED_MODEL,
@@ -42,8 +43,7 @@ class Reason:
     may_be_guess: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
-class Bar:
+class Bar(NamedTuple):
     """A labelled value, and its length relative to the longest bar; ``look`` is its class in the style."""
 
     label: str
@@ -53,13 +53,45 @@ class Bar:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GainBars:
-    """An error without and with the causes; its noise floor as text, and relative to the longest bar, where known."""
+class ErrorBars:
+    """An error in the unit of display: without the causes, with them, and of a perfect model; NaN where not known."""
 
     title: str
-    bars: tuple[Bar, ...]
-    floor: str
-    tick: float
+    unit: str
+    without: float
+    with_causes: float
+    perfect: float
+    found: bool  #: Whether the model with the causes has a bar.
+
+    @property
+    def texts(self) -> list[str]:
+        """The three errors with decimals that show the smallest to two significant digits, and the unit."""
+        return [f"{text} {self.unit}" for text in rounded_errors((self.without, self.with_causes, self.perfect))]
+
+    @property
+    def bars(self) -> list[Bar]:
+        """Bars of the errors."""
+        without, with_causes, _ = self.texts
+        if not self.found:
+            return [Bar("simulated", "simulated", without, self._share(self.without))]
+        return [
+            Bar("plain model", "without", without, self._share(self.without)),
+            Bar("extended model", "with", with_causes, self._share(self.with_causes)),
+        ]
+
+    @property
+    def floor(self) -> str:
+        """The noise floor; empty where it is not known."""
+        return self.texts[2] if math.isfinite(self.perfect) else ""
+
+    @property
+    def tick(self) -> float:
+        """The noise floor relative to the longest bar."""
+        return self._share(self.perfect)
+
+    def _share(self, value: float) -> float:
+        known = filter(math.isfinite, (self.without, self.with_causes, self.perfect))
+        return value / max(*known, 1e-30, 0.0) if math.isfinite(value) else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,33 +102,18 @@ class PageSummary:
     error: str
     reasons: tuple[Reason, ...]
     no_cause: str
-    gains: tuple[GainBars, ...]
+    gains: tuple[ErrorBars, ...]
     improvement: str
     next_step: NextStep
     models: str  #: What the plain and the extended model are; empty where they are not mentioned.
     cautions: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _SimulationError:
-    """An error in the unit of display: without the causes, with them, and the noise floor."""
-
-    title: str
-    unit: str
-    without: float
-    with_causes: float
-    floor: float
-
-    def rounded(self) -> list[str]:
-        """The three values with decimals that show the smallest to two significant digits."""
-        return rounded_errors((self.without, self.with_causes, self.floor))
-
-
 def summarize(report: ReportData) -> PageSummary:
     """The contents of the first screen."""
     diagnosis = report.diagnosis
-    errors = list(_errors(report))
     found = diagnosis is not None and bool(diagnosis.findings or diagnosis.signals)
+    errors = tuple(_errors(report, found=found))
     changes = {error.title.partition(" after")[0]: (error.without, error.with_causes) for error in errors}
     step = NextStep(run="diagnosis, by `rovid diagnose`", reason="it finds what the simulation misses, and why")
     warned: list[str] = []
@@ -106,10 +123,10 @@ def summarize(report: ReportData) -> PageSummary:
         warned = list(cautions(diagnosis, report.campaign.trials if report.campaign else (), report.vehicle))
     return PageSummary(
         headline=_headline(report),
-        error=_error_sentence(report, errors, found=found),
+        error=_error_sentence(report, errors),
         reasons=() if diagnosis is None else tuple(_reasons(diagnosis, report)),
         no_cause=_no_cause_sentence(report),
-        gains=tuple(_gain_bars(error, found=found) for error in errors),
+        gains=errors,
         improvement=f"On trials that were not fitted: {improvement_words(changes)}." if found else "",
         next_step=step,
         models="" if diagnosis is None else f"{PLAIN_MODEL} {EXTENDED_MODEL}" if report.extended else PLAIN_MODEL,
@@ -126,7 +143,7 @@ def _headline(report: ReportData) -> str:
     return "There is no simulation to judge the model by."
 
 
-def _errors(report: ReportData) -> Iterator[_SimulationError]:
+def _errors(report: ReportData, *, found: bool) -> Iterator[ErrorBars]:
     """Errors of position and rate: of held-out trials, or of all trials where there is no diagnosis."""
     axis, diagnosis = report.axis, report.diagnosis
     floors, floor = {}, math.nan
@@ -144,29 +161,30 @@ def _errors(report: ReportData) -> Iterator[_SimulationError]:
     for horizon in reversed(HORIZONS):
         without, with_causes = (errors.get(horizon) for errors in positions)
         if without is not None and with_causes is not None:
-            yield _SimulationError(
+            yield ErrorBars(
                 title=f"{axis.position_words} error after {horizon:.0f} s",
                 unit=unit,
                 without=factor * without,
                 with_causes=factor * with_causes,
-                floor=factor * floors.get(horizon, math.nan),
+                perfect=factor * floors.get(horizon, math.nan),
+                found=found,
             )
             break
-    title = f"{axis.rate_words} error"
-    yield _SimulationError(title=title, unit=axis.rate_unit, without=rates[0], with_causes=rates[1], floor=floor)
+    title, unit, (without, full) = f"{axis.rate_words} error", axis.rate_unit, rates
+    yield ErrorBars(title=title, unit=unit, without=without, with_causes=full, perfect=floor, found=found)
 
 
-def _error_sentence(report: ReportData, errors: list[_SimulationError], *, found: bool) -> str:
+def _error_sentence(report: ReportData, errors: Sequence[ErrorBars]) -> str:
     if not errors:
         missing = "there are tables, no logs" if report.campaign is None else "inertia or drag is missing"
         return f"Nothing was simulated: {missing}."
     error = errors[0]
-    size, _, floor = error.rounded()
+    size, _, floor = error.texts
     quantity, _, when = error.title.partition(" error")
-    sentence = f"The simulated {quantity} is {size} {error.unit} off{when or ', root mean square'}."
-    if found or not math.isfinite(error.floor):
+    sentence = f"The simulated {quantity} is {size} off{when or ', root mean square'}."
+    if error.found or not error.floor:
         return sentence
-    return f"{sentence} A perfect model's would be {floor} {error.unit} off."
+    return f"{sentence} A perfect model's would be {floor} off."
 
 
 def _reasons(diagnosis: Diagnosis, report: ReportData) -> Iterator[Reason]:
@@ -224,27 +242,3 @@ def _detection_limits(diagnosis: Diagnosis, vehicle: Vehicle) -> Iterator[str]:
             (text,) = equal_decimals([size], 2)
             shown = vehicle.assumptions.mark_number(number_with_unit(text, unit), unit)
             yield f"{vehicle.axis.reword(effect.title)} from {shown}"
-
-
-def _gain_bars(error: _SimulationError, *, found: bool) -> GainBars:
-    without, with_causes, floor = error.rounded()
-    known = [value for value in (error.without, error.with_causes, error.floor) if math.isfinite(value)]
-    longest = max(*known, 1e-30, 0.0)
-
-    def bar(label: str, look: str, value: float, text: str) -> Bar:
-        share = value / longest if math.isfinite(value) else 0.0
-        return Bar(label=label, look=look, value=f"{text} {error.unit}", share=share)
-
-    bars = [bar("simulated", "simulated", error.without, without)]
-    if found:
-        bars = [
-            bar("plain model", "without", error.without, without),
-            bar("extended model", "with", error.with_causes, with_causes),
-        ]
-    has_floor = math.isfinite(error.floor)
-    return GainBars(
-        title=error.title,
-        bars=tuple(bars),
-        floor=f"{floor} {error.unit}" if has_floor else "",
-        tick=error.floor / longest if has_floor else math.nan,
-    )

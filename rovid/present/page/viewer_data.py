@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.core.array_types import FloatArray
-from rovid.model.simulation import HORIZONS, TrialSimulation
+from rovid.model.simulation import HORIZONS, TrialSimulation, simulation_errors
 from rovid.present.plots.canvas import min_max_indices
-from rovid.present.report_data import ReportData, effects_of, simulation_errors, worst_first
+from rovid.present.report_data import ReportData, effects_of, worst_first
 from rovid.present.sentences import effect_title
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis

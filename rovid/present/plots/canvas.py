@@ -7,6 +7,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
+from itertools import chain
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -146,6 +147,15 @@ def panel_grid(
         for row in panels[:-1]:
             row[0].tick_params(labelbottom=False)
     return figure, panels
+
+
+def panel_sheet(count: int, columns: int, height: float, **margins: Any) -> tuple[Figure, list[Axes]]:
+    """A figure with ``count`` panels of a ``height`` in inches, in rows of ``columns``; see `panel_grid`."""
+    figure, rows = panel_grid([(height, columns)] * -(-count // columns), **margins)
+    panels = list(chain(*rows))
+    for panel in panels[count:]:
+        panel.set_axis_off()
+    return figure, panels[:count]
 
 
 @report_style

@@ -1,14 +1,13 @@
 """Plots of thrust curves, steady states, sine runs and inertia."""
 
 from collections.abc import Sequence
-from itertools import chain
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rovid.core.array_types import FloatArray
-from rovid.core.stats import t_quantile
+from rovid.core.stats import NORMAL_95, t_quantile
 from rovid.effects import restoring_effect
 from rovid.effects.restoring_curve import regressors
 from rovid.estimate.estimate import Estimate
@@ -17,7 +16,7 @@ from rovid.estimate.oscillation_tests import SineTrial
 from rovid.estimate.steady_drag import DragFit
 from rovid.model.model import Model
 from rovid.present.number_format import arm_words, shorten_name, steady_state_words, unit_symbol
-from rovid.present.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, panel_grid, report_style
+from rovid.present.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, panel_grid, panel_sheet, report_style
 from rovid.present.tables.fits import method_interval, method_title
 from rovid.trial.axis import Axis
 from rovid.trial.preprocessing import Run
@@ -29,8 +28,6 @@ _NAME_LENGTH = 48
 _STEPS = 300
 # Of torque or force, rate and acceleration.
 _SINE_LOOKS = ((BLUE, "-", "o"), (ORANGE, "--", "s"), (GREEN, ":", "^"))
-# Standard errors to either end of a two-sided 95 % interval of the normal distribution.
-_NORMAL_95 = 1.959964
 # Intervals that together take less than this share of the axis from zero are shown a second time, enlarged.
 _CROWDED = 0.3
 
@@ -43,10 +40,8 @@ def plot_thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
         return None
     # Four curves stand two by two, others at most three in a row.
     columns = 2 if len(curves) == 4 else min(len(curves), 3)
-    rows = -(-len(curves) // columns)
-    figure, panels = panel_grid([(1.9, columns)] * rows, top=0.75, across=0.85, down=0.95)
-    flat = list(chain(*panels))
-    for panel, (k, thruster, curve) in zip(flat, curves, strict=False):
+    figure, panels = panel_sheet(len(curves), columns, 1.9, top=0.75, across=0.85, down=0.95)
+    for panel, (k, thruster, curve) in zip(panels, curves, strict=True):
         commands = np.concatenate([np.empty(0), *(run.trial.commands[:, k] for run in runs)])
         # A bench curve, thick within the range of the ``used`` commands.
         used = commands[np.isfinite(commands)]
@@ -64,10 +59,7 @@ def plot_thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
         if not vehicle.axis.angular:
             lever = f"{arm_words(vehicle.axis)[0]} {thruster.arm:.3g}"
         panel.set_title(f"{shorten_name(thruster.name, _NAME_LENGTH // columns)}, {lever}", fontsize=9)
-    for panel in flat[len(curves) :]:
-        panel.set_axis_off()
-    handles, labels = flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.09, 1.0), ncols=3)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.09, 1.0), ncols=3)
     return figure
 
 
@@ -205,7 +197,7 @@ def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None, model: tuple
     if rigid_body is not None:
         whole.axvline(rigid_body, color=GREY, linestyle="--", label="rigid body alone")
     if model is not None:
-        value, reach = model[0], _NORMAL_95 * np.nan_to_num(model[1], posinf=0.0)
+        value, reach = model[0], NORMAL_95 * np.nan_to_num(model[1], posinf=0.0)
         for panel in (whole, *more):
             panel.axvspan(value - reach, value + reach, color=GREEN, alpha=0.25, label="the model, 95 %")
             panel.axvline(value, color=GREEN, linewidth=1.0)

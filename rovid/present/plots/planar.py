@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import chain
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -12,7 +11,16 @@ from matplotlib.figure import Figure
 from rovid.core.array_types import FloatArray
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation
 from rovid.present.number_format import shorten_name
-from rovid.present.plots.canvas import BLACK, BLUE, ORANGE, PALE, decimate_min_max, panel_grid, report_style
+from rovid.present.plots.canvas import (
+    BLACK,
+    BLUE,
+    ORANGE,
+    PALE,
+    decimate_min_max,
+    panel_grid,
+    panel_sheet,
+    report_style,
+)
 
 TRACKS_SHOWN = 9
 _COLUMNS = 3
@@ -25,18 +33,14 @@ _FORCE_UNITS = {"surge": "N", "sway": "N", "yaw": "N m"}
 @report_style
 def plot_tracks(before: Sequence[PlanarTrialSimulation], after: Sequence[PlanarTrialSimulation]) -> Figure:
     """Simulated tracks over the measured positions, north up, at equal scale; two simulations where they differ."""
-    columns = min(len(after), _COLUMNS)
-    rows = -(-len(after) // columns)
-    figure, panels = panel_grid([(2.6, columns)] * rows, left=0.75, top=0.6, bottom=0.55, across=0.6, down=0.55)
-    flat = list(chain(*panels))
-    for panel, base, full in zip(flat, before, after, strict=False):
+    margins = {"left": 0.75, "top": 0.6, "bottom": 0.55, "across": 0.6, "down": 0.55}
+    figure, panels = panel_sheet(len(after), min(len(after), _COLUMNS), 2.6, **margins)
+    for panel, base, full in zip(panels, before, after, strict=True):
         _plot_track(panel, base, full)
-    for panel in flat[len(after) :]:
-        panel.set_axis_off()
     figure.supxlabel("east, m", y=0.06 / figure.get_figheight(), fontsize=10, va="bottom")
     figure.supylabel("north, m", x=0.01, fontsize=10, ha="left")
     figure.legend(
-        *flat[0].get_legend_handles_labels(), ncols=4, loc="upper left", bbox_to_anchor=(0.07, 1.0), borderaxespad=0.1
+        *panels[0].get_legend_handles_labels(), ncols=4, loc="upper left", bbox_to_anchor=(0.07, 1.0), borderaxespad=0.1
     )
     return figure
 

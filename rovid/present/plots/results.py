@@ -2,7 +2,6 @@
 
 import textwrap
 from collections.abc import Mapping
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from rovid.control.closed_loop import ClosedLoopRun
 from rovid.control.design import ControllerDesign
 from rovid.control.specs import paper_runs
 from rovid.core.array_types import FloatArray
+from rovid.core.stats import NORMAL_95
 from rovid.diagnose.formulas.discovery import Discovery, Formula
 from rovid.diagnose.result import Finding
 from rovid.estimate.experiment_design import ExperimentPlan
@@ -50,8 +50,6 @@ _MODEL_LOOKS = ((canvas.BLUE, "-"), (canvas.ORANGE, "--"))
 _LEGEND_ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "borderaxespad": 0.0}
 _DRAG_STEPS = 200
 _DRAG_NAMES = ["quadratic_drag", "linear_drag"]
-# Standard errors to either end of a 95 % interval.
-_NORMAL_95 = NormalDist().inv_cdf(0.975)
 # Quantiles of the abscissa that bound the groups of readings, and the largest number of single readings drawn.
 _GROUPS, _READINGS = 24, 4000
 
@@ -186,7 +184,7 @@ def draw_ratios(panel: Axes, changes: DifferenceTest, titles: Mapping[str, str])
     for row, (name, (value, error)) in enumerate(known.items()):
         changed = any(name in change.candidate.parameters for change in changes.established)
         colour, filled = (canvas.ORANGE, canvas.ORANGE) if changed else (canvas.BLACK, "white")
-        panel.errorbar(value, row, xerr=_NORMAL_95 * error, fmt="o", capsize=3, color=colour, markerfacecolor=filled)
+        panel.errorbar(value, row, xerr=NORMAL_95 * error, fmt="o", capsize=3, color=colour, markerfacecolor=filled)
     panel.axvline(1.0, color=canvas.GREY, linestyle="--")
     panel.set_yticks(range(len(known)), [titles[name] for name in known])
     panel.set_ylim(len(known) - 0.5, -0.5)
@@ -222,7 +220,7 @@ def _plot_band(
     design = np.column_stack((rate**2, rate))
     line = design @ values
     variance = np.einsum("ni,ij,nj->n", design, covariance, design)
-    reach = _NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
+    reach = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
     panel.fill_between(rate, line - reach, line + reach, color=colour, alpha=0.2, linewidth=0)
     panel.plot(rate, line, dashes, color=colour, label=name)
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from itertools import chain, cycle
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from rovid.present.plots.canvas import (
     POINTS,
     decimate_min_max,
     panel_grid,
+    panel_sheet,
     plot_overlay,
     report_style,
 )
@@ -258,12 +259,9 @@ def _plot_position_error(
 @report_style
 def plot_overview(pairs: Sequence[tuple[TrialSimulation, TrialSimulation]]) -> Figure:
     """Measured and simulated rate of each trial with its R²; two simulations where causes were found."""
-    columns = min(len(pairs), _COLUMNS)
-    rows = -(-len(pairs) // columns)
-    height = 0.95 if rows > 1 else 1.8
-    figure, panels = panel_grid([(height, columns)] * rows, left=0.75, top=0.52, bottom=0.5, across=0.5, down=0.5)
-    flat = list(chain(*panels))
-    for panel, (before, after) in zip(flat, pairs, strict=False):
+    height, margins = 0.95 if len(pairs) > _COLUMNS else 1.8, {"left": 0.75, "top": 0.52, "bottom": 0.5}
+    figure, panels = panel_sheet(len(pairs), min(len(pairs), _COLUMNS), height, across=0.5, down=0.5, **margins)
+    for panel, (before, after) in zip(panels, pairs, strict=True):
         plot_overlay(panel, after.run.rates.time, after.measured, after.simulated, 500)
         if before is not after:
             time, rate = decimate_min_max(after.run.rates.time, before.simulated, 500)
@@ -274,13 +272,10 @@ def plot_overview(pairs: Sequence[tuple[TrialSimulation, TrialSimulation]]) -> F
         panel.tick_params(labelsize=8)
         panel.locator_params(axis="y", nbins=4)
         panel.locator_params(axis="x", nbins=5)
-    for panel in flat[len(pairs) :]:
-        panel.set_axis_off()
     figure.supxlabel("time, s", y=0.06 / figure.get_figheight(), fontsize=10, va="bottom")
     axis = pairs[0][0].run.trial.axis
     figure.supylabel(f"{axis.rate_words}, {axis.rate_unit}", x=0.01, fontsize=10, ha="left")
-    handles, labels = flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=3)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=3)
     return figure
 
 

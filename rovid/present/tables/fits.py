@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus, round_to_error
-from rovid.core.stats import t_quantile
+from rovid.core.stats import NORMAL_95, t_quantile
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import METHODS, InertiaFit
 from rovid.estimate.steady_drag import DragFit
@@ -33,8 +33,6 @@ from rovid.store.parameter_file import Entry, Parameters
 
 # In place of the interval of a parameter that the logs do not decide.
 FROM_PRIOR = "from the prior"
-# Standard errors to either end of a two-sided 95 % interval of the normal distribution.
-_NORMAL_95 = 1.959964
 _METHOD_TITLES = {"peak": "peak method", "orbit_integral": "orbit integral", "harmonic_balance": "harmonic balance"}
 _DIRECTIONS = {"up": "growing", "down": "falling"}
 _TIMES = "from–to, s"
@@ -128,7 +126,7 @@ def _entry_interval(report: ReportData, name: str, text: str) -> str:
 
 
 def _normal_interval(value: float, error: float) -> tuple[float, float]:
-    return value - _NORMAL_95 * error, value + _NORMAL_95 * error
+    return value - NORMAL_95 * error, value + NORMAL_95 * error
 
 
 def _interval_text(text: str, interval: tuple[float, float] | None) -> str:
@@ -174,7 +172,7 @@ def _difference(report: ReportData, estimate: Estimate, name: str) -> str:
     value, error = estimate.value(name), estimate.standard_error(name)
     size = guess.mark_number(number_with_unit(plus_minus(value, error), entry.unit), entry.unit)
     shown = f"{report.axis.reword(parameter_title(name))} {size}"
-    if abs(value - entry.value) <= _NORMAL_95 * math.hypot(error, entry.standard_error) or entry.value == 0.0:
+    if abs(value - entry.value) <= NORMAL_95 * math.hypot(error, entry.standard_error) or entry.value == 0.0:
         return f"{shown} (as the model, within their errors)"
     return f"{shown} ({relative_deviation(value, entry.value)})"
 

@@ -1,7 +1,7 @@
 """Tables of trials, simulations, manoeuvres, thrusters and log files."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -203,7 +203,9 @@ def run_manoeuvre_tables(found: Sequence[RunManoeuvre]) -> list[ResultTable]:
         rows = [one for one in found if one.kind == kind]
         if not rows:
             continue
-        table = ResultTable(title, *map(text_column, ("run", "measure")), *_columns(("measured", "simulated")))
+        table = ResultTable(
+            title, *map(text_column, ("run", "measure")), *map(mixed_number_column, ("measured", "simulated"))
+        )
         for one in rows:
             sides = (one.measured, one.simulated)
             for number, words in enumerate(_measure_rows(sides)):
@@ -224,7 +226,7 @@ def model_manoeuvre_tables(measures: Measures) -> list[ResultTable]:
         rows = {name: side for name, side in sides.items() if name.startswith(kind)}
         if not rows:
             continue
-        table = ResultTable(title, text_column("measure"), *_columns(map(_manoeuvre_title, rows)))
+        table = ResultTable(title, text_column("measure"), *map(mixed_number_column, map(_manoeuvre_title, rows)))
         for words in _measure_rows(tuple(rows.values())):
             table.add_row(*words)
         tables.append(table)
@@ -234,10 +236,6 @@ def model_manoeuvre_tables(measures: Measures) -> list[ResultTable]:
 def _manoeuvre_title(name: str) -> str:
     kind, _, detail = name.partition("_")
     return f"to {detail}" if kind == "circle" else f"{detail}/{detail} deg"
-
-
-def _columns(titles: Iterable[str]) -> list[Column]:
-    return list(map(mixed_number_column, titles))
 
 
 def _measure_rows(sides: Sequence[Measures]) -> Iterator[list[str]]:

@@ -16,7 +16,15 @@ from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, p
 from rovid.present.console import print_labelled, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import DASH, format_number, sensor_words, unit_symbol
-from rovid.present.sentences import effect_title, evidence_definitions, improvement_words, join_words, next_step
+from rovid.present.sentences import (
+    comparison_headline,
+    criterion_sentence,
+    effect_title,
+    evidence_definitions,
+    improvement_words,
+    join_words,
+    next_step,
+)
 from rovid.present.tables.fits import estimate_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.present.tables.trials import planar_simulation_table
@@ -95,15 +103,6 @@ def _show_prior(console: Console, fit: PlanarFit) -> None:
         print_labelled(console, "From the prior:", text, "bold yellow")
 
 
-def criterion_sentence(fit: PlanarFit) -> str:
-    """Criterion of the fit, its value, and whether the innovations are white."""
-    white = "white" if fit.white else "not white"
-    return (
-        f"{fit.estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {fit.estimate.samples} readings; "
-        f"innovations {white}"
-    )
-
-
 def _disturbance_words(fit: PlanarFit, axis: str) -> str:
     size, time = fit.disturbance[axis]
     unit = "N m" if axis == "yaw" else "N"
@@ -173,7 +172,8 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: P
         console.print()
         if extended.fit.model.effects:
             print_labelled(console, "Gain on trials that were not fitted:", gain_words(base, extended))
-        planar_held_out_table(diagnosis, base, extended).print(console, guess)
+        if table := planar_held_out_table(diagnosis):
+            table.print(console, guess)
         console.print(estimate_table(extended.fit.estimate, coupled=True))
         for text in undetermined_sentences(extended.fit):
             print_labelled(console, "Not determined:", text, "bold yellow")
@@ -197,10 +197,11 @@ def gain_words(base: PlanarAssessment, extended: PlanarAssessment) -> str:
     return improvement_words(errors)
 
 
-def planar_held_out_table(
-    diagnosis: PlanarDiagnosis, base: PlanarAssessment, extended: PlanarAssessment
-) -> ResultTable:
-    """Errors of free-running simulations of held-out trials; one column where both models are the same."""
+def planar_held_out_table(diagnosis: PlanarDiagnosis) -> ResultTable | None:
+    """Errors of simulations of held-out trials, in one column where both models are the same; None without models."""
+    base, extended = diagnosis.base, diagnosis.extended
+    if base is None or extended is None:
+        return None
     models = ("plain model", "extended model")[: 1 + bool(extended.fit.model.effects)]
     columns = map(mixed_number_column, (*models, "noise floor"))
     table = ResultTable("Error on trials that were not fitted", text_column("quantity"), *columns)
@@ -225,7 +226,7 @@ def show_planar_comparison(console: Console, comparison: PlanarComparison, warni
     """Print the result of a comparison, the parameters of both campaigns, and the predictions."""
     guess = comparison.assumptions
     show_caution(console, guess)
-    print_labelled(console, planar_comparison_sentence(comparison))
+    print_labelled(console, comparison_headline(comparison))
     if comparison.verdict != "changed" and comparison.detectable:
         shares = [f"{name} {significant(100.0 * size, 2)} %" for name, size in comparison.detectable.items()]
         print_text(console, f"Smallest changes that these data would establish: {', '.join(shares)}.")
@@ -241,18 +242,6 @@ def show_planar_comparison(console: Console, comparison: PlanarComparison, warni
     if comparison.predictions:
         _predictions_table(comparison).print(console, guess)
     show_warnings(console, warnings)
-
-
-def planar_comparison_sentence(comparison: PlanarComparison) -> str:
-    """The result of a comparison in one sentence."""
-    a, b = comparison.a.name, comparison.b.name
-    if comparison.verdict == "changed":
-        found = [change for change in comparison.changes if change.changed]
-        words = [f"{one.name}, {plus_minus(one.ratio, one.standard_error)} times" for one in found]
-        return f"From {a} to {b} changed: {join_words(words)}."
-    if comparison.verdict == "same":
-        return f"Nothing changed from {a} to {b} that these data show."
-    return f"These data cannot tell whether the vehicle changed from {a} to {b}."
 
 
 def _predictions_table(comparison: PlanarComparison) -> ResultTable:

@@ -30,7 +30,7 @@ from rovid.present.console import (
     show_warnings,
 )
 from rovid.present.number_format import format_number, unit_symbol
-from rovid.present.sentences import fit_verdict
+from rovid.present.sentences import criterion_sentence, fit_verdict
 from rovid.present.tables.control import loss_title
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
@@ -106,12 +106,7 @@ def _show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     text, kind = fit_verdict(fit)
     print_labelled(console, text, style=VERDICT_STYLES[kind])
     console.print(estimate_table(estimate))
-    innovations = "white" if fit.white else "not white"
-    print_text(
-        console,
-        f"{estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {estimate.samples} readings; "
-        f"innovations {innovations}",
-    )
+    print_text(console, criterion_sentence(fit))
     name, unit, factor = axis.measured_quantity(integrated=fit.rate_only)
     force_unit = axis.force_unit + (PER_INERTIA if estimate.per_inertia else "")
     noise = format_number(factor * fit.position_noise, 2)
