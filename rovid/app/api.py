@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rovid.app.decimation import columns_document
-from rovid.app.form_state import FormState, choices_of, matches_digest, parse_form, read_form_data, with_form_data
+from rovid.app.form_state import FormState, choices_of, parse_form, read_form_data, sha256_digest, with_form_data
 from rovid.app.sandbox import RootFolder
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
 from rovid.core.input_files import read_toml, require_exists
@@ -298,9 +298,9 @@ def _may_replace(files: Mapping[OutputFile, str]) -> bool:
     data = read_form_data(_read_text(config.path)) if config.path.is_file() else None
     if data is None:
         return False
-    for output in curves:
-        content = output.path.read_bytes() if output.path.is_file() else b""
-        if content and content != files[output].encode() and not matches_digest(content, data[1].get(output.path.name)):
+    for output in filter(lambda output: output.path.is_file(), curves):
+        content, digest = output.path.read_bytes(), data[1].get(output.path.name)
+        if content not in (b"", files[output].encode()) and sha256_digest(content) != digest:
             raise OutputError(
                 "exists already and was changed since rovid wrote it.",
                 where=output.path,

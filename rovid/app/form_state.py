@@ -119,7 +119,7 @@ def _exclusion(one: Mapping[str, Any]) -> Exclusion:
 def with_form_data(text: str, form: FormState, curves: Mapping[str, bytes]) -> str:
     """The ``text`` of rovid.toml with the choices and the digests of the text and of the ``curves``, by file name."""
     choice = {key: value for key, value in form.document.items() if key != "logs"}
-    digests = {"": _digest(text.encode()), **{name: _digest(data) for name, data in curves.items()}}
+    digests = {"": sha256_digest(text.encode()), **{name: sha256_digest(data) for name, data in curves.items()}}
     return f"{text}\n{_HINT}\n{_SEAL}{json.dumps({'sha256': digests, 'choice': choice})}\n"
 
 
@@ -128,7 +128,7 @@ def read_form_data(text: str) -> tuple[Mapping[str, Any], Mapping[str, str]] | N
     body, hint, seal = text.partition(f"\n{_HINT}\n{_SEAL}")
     try:
         data = json.loads(seal) if hint else {}
-        if data["sha256"][""] == _digest(body.encode()):
+        if data["sha256"][""] == sha256_digest(body.encode()):
             return data["choice"], data["sha256"]
     except (KeyError, TypeError, ValueError):
         pass
@@ -170,10 +170,6 @@ def _sources(one: object, kinds: Collection[str]) -> list[str]:
     return [kind for kind in kinds if isinstance(one, dict) and isinstance(one.get(kind), str)]
 
 
-def matches_digest(data: bytes, digest: str | None) -> bool:
-    """Whether ``data`` has this SHA-256 digest."""
-    return _digest(data) == digest
-
-
-def _digest(data: bytes) -> str:
+def sha256_digest(data: bytes) -> str:
+    """SHA-256 digest of ``data``."""
     return hashlib.sha256(data).hexdigest()

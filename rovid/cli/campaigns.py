@@ -45,9 +45,10 @@ def compare(
     current = context.parameters_at(parameters, axis).path
     pages = []
     if output is not None:
-        from rovid.present.page.comparison import comparison_page, write_comparison
+        from rovid.core.output_files import COMPARISON, OutputFile
+        from rovid.present.page.comparison import write_comparison
 
-        pages = [comparison_page(output)]
+        pages = [OutputFile(output, COMPARISON)]
     protected = [path for path in given if path.exists()]
     outputs = context.reserve_outputs(pages, protected, current, history_output(current).path, force=force)
     with progress("Reading …") as report:

@@ -113,13 +113,14 @@ def discover(
     with progress("Discovering …") as report:
         found = find_formulas(study.runs, study.vehicle, report, Budget(seconds=budget or study.default_budget))
     if found.formulas and wanted:
-        from rovid.present.plots.results import formula_picture
+        from rovid.present.plots.canvas import render_png
+        from rovid.present.plots.results import plot_formula
 
         best, contents = found.formulas[0], dict[OutputFile, str | bytes]()
         if write is not None:
             contents[wanted["effect"]] = found.source(best, write.stem, study.vehicle.axis.name)
         if plot is not None:
-            contents[wanted["plot"]] = formula_picture(found, best, study.runs, study.vehicle)
+            contents[wanted["plot"]] = render_png(plot_formula(found, best, study.runs, study.vehicle), "formula")
         outputs.write(contents)
     warnings = [*study.remarks(), *found.warnings]
     written = {name: str(file.path) for name, file in wanted.items()} if found.formulas else {}

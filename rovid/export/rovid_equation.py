@@ -2,12 +2,11 @@
 
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
 from rovid.core.formatting import identifiers, to_json, toml_text
 from rovid.core.output_files import export_mark
 from rovid.effects.base import Coupling, WaterCurrent
@@ -35,7 +34,7 @@ def export_ros2(subject: ExportInput) -> ExportResult:
     names = ", ".join(toml_text(thruster.name) for thruster in subject.vehicle.thrusters)
     lines = [f"# {export_mark('ros2')}.", f"# {_EQUATION}", f"# {_AXES}", "/**:", "  ros__parameters:"]
     lines += [*yaml_lines("    ", base), f"    thruster_names: [{names}]"]
-    for index, thruster in enumerate(_thruster_entries(subject, list)):
+    for index, thruster in enumerate(_thrusters(subject)):
         lines.append(f"    thruster_{index}:")
         lines += yaml_lines("      ", {name: thruster[name] for name in ("yaw_arm", "command", "thrust")})
     lines.append(f"    effect_names: [{', '.join(map(toml_text, subject.effects))}]")
@@ -65,7 +64,7 @@ def export_matlab(subject: ExportInput) -> ExportResult:
     values = _base_parameters(subject) | {
         "equation": _EQUATION,
         "axes": _AXES,
-        "thrusters": np.array(_thruster_entries(subject, np.array), dtype=object),
+        "thrusters": _cells(_thrusters(subject)),
         "effects": {keys[key]: values for key, values in subject.effects.items()},
     }
     content, read = mat_file(values, subject.guess)
@@ -103,7 +102,7 @@ def export_json(subject: ExportInput) -> ExportResult:
         "axes": _AXES,
         "parameters": {name: value for name, value in entries.items() if "." not in name},
         "rigid_body_inertia": subject.vehicle.rigid_body_inertia,
-        "thrusters": _thruster_entries(subject, list),
+        "thrusters": _thrusters(subject),
         "effects": effects,
         "guessed": list(subject.guess.items),
     }
@@ -129,16 +128,6 @@ def _base_parameters(subject: ExportInput) -> dict[str, Any]:
         "quadratic_drag": model.quadratic_drag,
         "linear_drag": model.linear_drag,
     }
-
-
-def _thruster_entries(subject: ExportInput, as_array: Callable[[FloatArray], Any]) -> list[dict[str, Any]]:
-    """Name, arm and bench curve of each thruster; a logged torque is its own curve."""
-    entries = []
-    for thruster, ends in zip(subject.vehicle.thrusters, subject.commands, strict=True):
-        command, thrust = (ends, ends) if thruster.curve is None else (thruster.curve.command, thruster.curve.thrust)
-        entry = {"name": thruster.name, "yaw_arm": thruster.arm}
-        entries.append({**entry, "command": as_array(command), "thrust": as_array(thrust)})
-    return entries
 
 
 def _result(subject: ExportInput, content: str | bytes, base: Mapping[str, Any], effects: EffectValues) -> ExportResult:
@@ -266,15 +255,18 @@ def _rudders(subject: PlanarInput) -> list[dict[str, Any]]:
     ]
 
 
-def _thrusters(subject: PlanarInput) -> list[dict[str, Any]]:
-    """Name, levers and bench curve of each thruster, and of one that turns its position and the name of its angle."""
-    found = []
-    angles = {one.turns: one.name for one in subject.actuators.angles.thrusters if one.turns}
-    ends = subject.commands[subject.actuators.thruster_columns]
-    for one, limits in zip(subject.actuators.thrusters.thrusters, ends, strict=True):
-        command, thrust = (limits, limits) if one.curve is None else (one.curve.command, one.curve.thrust)
-        levers = {"surge": one.surge_share, "sway": one.sway_share, "yaw_arm": one.arm}
-        block = {"name": one.name, **levers, "command": command.tolist(), "thrust": thrust.tolist()}
+def _thrusters(subject: ExportInput | PlanarInput) -> list[dict[str, Any]]:
+    """Name, levers and bench curve of each thruster, and of one that turns its position and the name of its angle.
+
+    A logged torque is its own curve.
+    """
+    found, (vehicle, limits) = [], subject.thrusters
+    angles = {one.turns: one.name for one in subject.vehicle.thrusters if one.turns}
+    for one, ends in zip(vehicle.thrusters, limits, strict=True):
+        command, thrust = (ends, ends) if one.curve is None else (one.curve.command, one.curve.thrust)
+        shares = {"surge": one.surge_share, "sway": one.sway_share} if isinstance(subject, PlanarInput) else {}
+        curve = {"command": command.tolist(), "thrust": thrust.tolist()}
+        block = {"name": one.name, **shares, "yaw_arm": one.arm, **curve}
         if one.name in angles and one.position is not None:
             block |= {"azimuth": angles[one.name], "position": list(one.position)}
         found.append(block)

@@ -29,6 +29,7 @@ def export(subject: ExportInput) -> ExportResult:
     model, vehicle, curves, lag = subject.model, subject.vehicle, subject.curves, subject.lag
     linear, cubic, error = _fit_drag(subject)
     length, width = vehicle.length or 1.0, vehicle.width or 1.0
+    form_drag, friction = _mesh_integrals(length, width)
     inputs, input_note = thruster_inputs(curves, lag)
     thrusters = ""
     for curve, table in zip(inputs, curves, strict=True):
@@ -47,7 +48,19 @@ def export(subject: ExportInput) -> ExportResult:
     if vehicle.length is None or vehicle.width is None:
         box += " (length or width not known: 1 m)"
     return ExportResult(
-        content=_scenario(subject, length, width, linear, cubic, thrusters),
+        content=_TEXTS["scenario"].format(
+            mark=export_mark("stonefish"),
+            linear=linear,
+            cubic=cubic,
+            name=xml_attribute(vehicle.name),
+            length=length,
+            width=width,
+            mass=subject.mass,
+            inertia=model.inertia,
+            viscous_drag=linear / (_DENSITY * friction),
+            quadratic_drag=cubic / (0.5 * _DENSITY * form_drag),
+            thrusters=thrusters,
+        ),
         simulate=simulation(subject, equation, lag=lag),
         equation=equation,
         kept_effects=subject.curve_keys | (subject.effects.keys() & {"drag_curvature", lag.key}),
@@ -114,24 +127,6 @@ def _box_mesh(half: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         quarters = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
         a, b, c = (np.concatenate(corners) for corners in zip(*quarters, strict=True))
     return a, b, c
-
-
-def _scenario(subject: ExportInput, length: float, width: float, linear: float, cubic: float, thrusters: str) -> str:
-    inertia, (form_drag, friction) = subject.model.inertia, _mesh_integrals(length, width)
-    quadratic_drag, viscous_drag = cubic / (0.5 * _DENSITY * form_drag), linear / (_DENSITY * friction)
-    return _TEXTS["scenario"].format(
-        mark=export_mark("stonefish"),
-        linear=linear,
-        cubic=cubic,
-        name=xml_attribute(subject.vehicle.name),
-        length=length,
-        width=width,
-        mass=subject.mass,
-        inertia=inertia,
-        viscous_drag=viscous_drag,
-        quadratic_drag=quadratic_drag,
-        thrusters=thrusters,
-    )
 
 
 def _thruster(curve: ThrusterCurve, table: ThrusterCurve, lag: float) -> str:

@@ -250,7 +250,10 @@ def history(fleet: results.Fleet, name: str, marked: Collection[str], mean: resu
     for vehicle, known in groups.items():
         _label_group(panel, at, vehicle, _LETTERS * len(known) // width, medians.get(vehicle))
         for record, value in known:
-            plotted = _percent_deviation(value, medians[vehicle]) if medians else value
+            plotted, median = value, medians.get(vehicle)
+            if median is not None:
+                error = 100.0 * value.error / abs(median)
+                plotted = replace(value, value=100.0 * (value.value / median - 1.0), error=error)
             _plot_value(panel, at, plotted, RED if record.campaign in marked else BLACK)
             if mean is not None and record.campaign in mean.values:
                 _plot_value(panel, at + 0.3, mean.values[record.campaign], PALE)
@@ -289,10 +292,6 @@ def _centre(
         return 0.0
     values = [value for known in fleet.campaigns_with(name).values() for _, value in known if value.is_comparable]
     return results.median_of(values) if values else math.nan
-
-
-def _percent_deviation(value: results.ParameterValue, median: float) -> results.ParameterValue:
-    return replace(value, value=100.0 * (value.value / median - 1.0), error=100.0 * value.error / abs(median))
 
 
 def _plot_value(panel: Axes, at: float, value: results.ParameterValue, colour: str) -> None:

@@ -22,12 +22,7 @@ _SUFFIX = ".mcap"
 
 
 def recording_outputs(target: Path, trials: Sequence[Trial]) -> list[OutputFile]:
-    """The recording of each trial, at the paths of `recording_paths`."""
-    return [OutputFile(path, RECORDING) for path in recording_paths(target, trials)]
-
-
-def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
-    """Path of each trial's recording: ``target`` itself for a single trial, else files in the folder ``target``.
+    """Each trial's recording: ``target`` itself for a single trial, else files in the folder ``target``.
 
     Raises ConfigError if ``target`` is one file for several trials, or a log would be overwritten.
     """
@@ -42,7 +37,7 @@ def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
     for path in paths:
         if path.resolve() in logs:
             raise ConfigError(f"would write over the log {path}.", where=place, mend="Choose another place.")
-    return paths
+    return [OutputFile(path, RECORDING) for path in paths]
 
 
 def _recording_names(trials: Sequence[Trial]) -> list[Path]:

@@ -318,16 +318,14 @@ def control_verdict(design: ControllerDesign) -> Iterator[tuple[str, str]]:
     aided, plain = (_steps(design, effects=effects, aided=each) for each in (True, False))
     if not aided or not plain:
         return
-    settling, overshoot = (
-        (_largest(run.metrics.settling_time for run in aided), _largest(run.metrics.settling_time for run in plain)),
-        (_largest(run.metrics.overshoot_deg for run in aided), _largest(run.metrics.overshoot_deg for run in plain)),
-    )
-    times = [f"{_settled(time)} {aid} the aid" for time, aid in zip(settling, ("with", "without"), strict=True)]
-    angles = [f"{angle:.1f} deg {aid} the aid" for angle, aid in zip(overshoot, ("with", "without"), strict=True)]
-    measures = [
-        (_relevant_change(*settling, 0.0), f"slowest step settled after {' and '.join(times)}"),
-        (_relevant_change(*overshoot, _LEAST_OVERSHOOT), f"largest overshoot {' and '.join(angles)}"),
-    ]
+    measures = []
+    for name, least, words, shown in (
+        ("settling_time", 0.0, "slowest step settled after", _settled),
+        ("overshoot_deg", _LEAST_OVERSHOOT, "largest overshoot", "{:.1f} deg".format),
+    ):
+        helped, alone = _largest(aided, name), _largest(plain, name)
+        text = f"{words} {shown(helped)} with the aid and {shown(alone)} without the aid"
+        measures.append((_relevant_change(helped, alone, least), text))
     changes = {change for change, _ in measures}
     # A measure that is the same with and without the aid is no reason for a verdict.
     sizes = ", ".join(text for change, text in measures if change or changes == {0})
@@ -363,9 +361,10 @@ def _steps(design: ControllerDesign, *, effects: bool, aided: bool) -> list[Clos
     ]
 
 
-def _largest(values: Iterator[float | None]) -> float:
-    """The largest value; infinite where one is not known."""
-    return max((math.inf if value is None else value for value in values), default=math.inf)
+def _largest(runs: Sequence[ClosedLoopResult], name: str) -> float:
+    """The largest value of a metric; infinite where one is not known."""
+    values = [getattr(run.metrics, name) for run in runs]
+    return math.inf if None in values else max(values, default=math.inf)
 
 
 def _settled(seconds: float) -> str:

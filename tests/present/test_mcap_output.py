@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
-from rovid.present.mcap_output import recording_paths
+from rovid.present.mcap_output import recording_outputs
 from rovid.readers import read_log
 from rovid.trial.config import load_config
 from rovid.trial.trial import Trial
@@ -131,7 +131,8 @@ def trials(*names: str) -> list[Trial]:
 
 def test_names_stay_apart_and_inside_the_folder(tmp_path: Path) -> None:
     elsewhere = (tmp_path / "mon" / "a.csv").as_posix()
-    paths = recording_paths(tmp_path / "out", trials("a.csv", "a.BIN", "b/a.csv", elsewhere, "../c.csv"))
+    made = recording_outputs(tmp_path / "out", trials("a.csv", "a.BIN", "b/a.csv", elsewhere, "../c.csv"))
+    paths = [output.path for output in made]
     assert len(set(paths)) == 5
     assert paths[:3] == [tmp_path / "out" / name for name in ("a.csv.mcap", "a.BIN.mcap", "b/a.mcap")]
     assert all((tmp_path / "out") in path.resolve().parents for path in paths)
@@ -139,6 +140,6 @@ def test_names_stay_apart_and_inside_the_folder(tmp_path: Path) -> None:
 
 def test_a_file_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "x.mcap").mkdir()
-    assert recording_paths(tmp_path / "x.mcap", trials("a.csv", "b.csv"))[0] == tmp_path / "x.mcap" / "a.mcap"
+    assert recording_outputs(tmp_path / "x.mcap", trials("a.csv", "b.csv"))[0].path == tmp_path / "x.mcap" / "a.mcap"
     with pytest.raises(ConfigError, match="2 trials"):
-        recording_paths(tmp_path / "y.mcap", trials("a.csv", "b.csv"))
+        recording_outputs(tmp_path / "y.mcap", trials("a.csv", "b.csv"))

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from markupsafe import Markup
 
 from rovid import __version__
 from rovid.compare.comparison import Comparison
-from rovid.core.output_files import COMPARISON, OutputFile, OutputSet
+from rovid.core.output_files import OutputFile, OutputSet
 from rovid.present.number_format import parameter_title
 from rovid.present.page.page_files import long_date, template_environment
 from rovid.present.plots.canvas import WIDTH, render_inline_svg
@@ -22,11 +21,6 @@ from rovid.present.tables.diagnosis import changes_table, cross_prediction_table
 from rovid.trial.assumptions import Assumptions
 
 _ROW_HEIGHTS = (1.7, 1.2)  # in
-
-
-def comparison_page(path: Path) -> OutputFile:
-    """The page at ``path``."""
-    return OutputFile(path, COMPARISON)
 
 
 def write_comparison(

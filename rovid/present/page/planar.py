@@ -20,33 +20,13 @@ from rovid.planar.fit import PlanarFit
 from rovid.planar.manoeuvres import Measures
 from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
+from rovid.present import sentences
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import sensor_words
-from rovid.present.page.page_files import (
-    FigureDraft,
-    ReportFigure,
-    claim_page,
-    long_date,
-    pdf_output,
-    plot_files,
-    print_pdf,
-    render_draft,
-    require_browser,
-    template_environment,
-    write_page,
-)
+from rovid.present.page import page_files
 from rovid.present.page.summary import size_words
 from rovid.present.plots import canvas
 from rovid.present.plots import planar as plots
-from rovid.present.sentences import (
-    cause_name,
-    criterion_sentence,
-    evidence_definitions,
-    evidence_words,
-    next_step,
-    plan_command,
-    verdict_sentence,
-)
 from rovid.present.tables.fits import planar_parameters_table
 from rovid.present.tables.table import ResultTable
 from rovid.present.tables.trials import model_manoeuvre_tables, planar_simulation_table, run_manoeuvre_tables
@@ -101,9 +81,9 @@ def build_planar_report(
     ``journal``: Widths as "84mm": the plots are also written that wide.
     """
     inputs = [*input_files(study.logs.paths), stored.path]
-    claim = claim_page(folder, "planar_tracks", force=force, protected=inputs)
-    browser = require_browser() if pdf else ""
-    paper = OutputSet([pdf_output(folder)] if pdf else [], force=force, protected=inputs)
+    claim = page_files.claim_page(folder, "planar_tracks", force=force, protected=inputs)
+    browser = page_files.require_browser() if pdf else ""
+    paper = OutputSet([page_files.pdf_output(folder)] if pdf else [], force=force, protected=inputs)
     diagnosis = study.diagnosis(report, budget=budget) if diagnosed else None
     if diagnosis is not None and diagnosis.base is not None and diagnosis.extended is not None:
         base, full = diagnosis.base.fit, diagnosis.extended.fit
@@ -126,13 +106,13 @@ def build_planar_report(
         manoeuvres=model_manoeuvres(full, study.data),
         headline=planar.fit_sentence(full)
         if diagnosis is None
-        else verdict_sentence(diagnosis, study.vehicle.assumptions),
+        else sentences.verdict_sentence(diagnosis, study.vehicle.assumptions),
         diagnosis=diagnosis,
     )
     page = _write(folder, contents, claim, journal)
     if pdf:
         report("Printing the page …")
-        paper.write({pdf_output(folder): print_pdf(page, browser)})
+        paper.write({page_files.pdf_output(folder): page_files.print_pdf(page, browser)})
     return page, contents
 
 
@@ -151,18 +131,20 @@ def _missing(
 def _write(folder: Path, report: PlanarReport, claim: OutputSet, journal: Sequence[str]) -> Path:
     """Write ``folder``/index.html and the plots; return the page."""
 
-    def draw() -> dict[str, ReportFigure]:
-        return {draft.name: render_draft(draft, report.study.vehicle.assumptions) for draft in _drafts(report)}
+    def draw() -> dict[str, page_files.ReportFigure]:
+        return {
+            draft.name: page_files.render_draft(draft, report.study.vehicle.assumptions) for draft in _drafts(report)
+        }
 
     figures = draw()
-    plots = plot_files(figures.values(), folder / "plots")
+    plots = page_files.plot_files(figures.values(), folder / "plots")
     for name in journal:
         with canvas.journal_plots(name):
-            plots |= plot_files(draw().values(), folder / "plots" / name)
-    return write_page(folder, _render(report, figures), plots, claim)
+            plots |= page_files.plot_files(draw().values(), folder / "plots" / name)
+    return page_files.write_page(folder, _render(report, figures), plots, claim)
 
 
-def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
+def _drafts(report: PlanarReport) -> Iterator[page_files.FigureDraft]:
     before, after = report.before, report.after
     worst = worst_run(before)
     # Indices of the runs that are drawn: the worst first, then the others in their order.
@@ -172,7 +154,7 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
     models = "dashed: plain model; black: extended model" if two else "black: simulated"
     measured = "pale: measured; " if {"north", "east"} <= set(report.study.data.sensors) else ""
     if not is_yaw_alone(report.study.data):
-        yield FigureDraft(
+        yield page_files.FigureDraft(
             "planar_tracks",
             plots.plot_tracks([before[at] for at in chosen], [after[at] for at in chosen]),
             caption=f"Tracks, simulated freely from the first sample; {measured}{models}; dots: equal times.",
@@ -180,7 +162,7 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
         )
     for number, at in enumerate(chosen, 1):
         agreements = [f"{sensor_words(speed)} R² {fit.r2:.3f}" for speed, fit in after[at].fits.items()]
-        yield FigureDraft(
+        yield page_files.FigureDraft(
             f"planar_speeds_{number:02d}",
             plots.plot_speeds(before[at], after[at]),
             caption=f"{after[at].name}: speeds over ground in body axes. Pale: measured; {models}.",
@@ -191,7 +173,7 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
         with contextlib.suppress(DataError):
             model = report.full.model
             system = SteeringSystem.of(report.study.data, model)
-            yield FigureDraft(
+            yield page_files.FigureDraft(
                 "planar_turning_curve",
                 plots.plot_turning_curve(turning_curve(model, system, length), angle=system.rudders > 0),
                 caption="Steady turns of the model: r' = r·L/U against the steering.",
@@ -199,7 +181,7 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
             )
     if report.missing is not None:
         run, *_ = report.missing
-        yield FigureDraft(
+        yield page_files.FigureDraft(
             "planar_missing",
             plots.plot_missing_forces(*report.missing),
             caption=f"{run}: forces that each model misses along each axis, from the smoothed motion.",
@@ -209,8 +191,8 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
 
 def _cause_words(finding: Finding) -> str:
     """A cause with its parameters and its evidence."""
-    name = cause_name(finding)
-    return f"{name[:1].upper()}{name[1:]}: {size_words(finding)}. {evidence_words(finding).capitalize()}."
+    name = sentences.cause_name(finding)
+    return f"{name[:1].upper()}{name[1:]}: {size_words(finding)}. {sentences.evidence_words(finding).capitalize()}."
 
 
 def _manoeuvre_tables(report: PlanarReport) -> list[ResultTable]:
@@ -221,13 +203,13 @@ def _manoeuvre_tables(report: PlanarReport) -> list[ResultTable]:
     return run_manoeuvre_tables(run_manoeuvres(fit.model, data)) + model_manoeuvre_tables(report.manoeuvres)
 
 
-def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
+def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]) -> str:
     study, fit = report.study, report.full
     guess = study.vehicle.assumptions
-    environment = template_environment()
+    environment = page_files.template_environment()
     environment.globals["guess"] = guess
 
-    def of_kind(kind: str) -> list[ReportFigure]:
+    def of_kind(kind: str) -> list[page_files.ReportFigure]:
         return [figure for name, figure in figures.items() if name.startswith(f"planar_{kind}")]
 
     speeds = of_kind("speeds")
@@ -241,16 +223,18 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "headline": report.headline,
         "fit_sentence": planar.fit_sentence(fit) if report.diagnosis else "",
         "simulation_sentence": planar.simulation_sentence(report.after),
-        "criterion": criterion_sentence(fit),
+        "criterion": sentences.criterion_sentence(fit),
         "causes": list(map(_cause_words, causes)),
-        "definitions": evidence_definitions(causes),
+        "definitions": sentences.evidence_definitions(causes),
         "gain": found and planar.planar_held_out_table(found),
         "undetermined": planar.undetermined_sentences(fit),
         "by_prior": planar.prior_sentences(fit),
         "unknown": UNIDENTIFIABLE["thrust_scale"],
         "next_step": None
         if found is None
-        else next_step(found, next_planar_experiment(found), guess, plan_command(report.stored.path, PLANAR)),
+        else sentences.next_step(
+            found, next_planar_experiment(found), guess, sentences.plan_command(report.stored.path, PLANAR)
+        ),
         "tracks": of_kind("tracks"),
         "worst": speeds[:1],
         "others": speeds[1:],
@@ -263,7 +247,7 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "faults": fault_texts(study.logs.faults),
         "warnings": [*study.remarks(), *warnings, *report.notes],
         "sources": report.stored.sources,
-        "today": long_date(datetime.now(UTC).date()),
+        "today": page_files.long_date(datetime.now(UTC).date()),
         "version": __version__,
     }
     return environment.get_template("planar.html.j2").render(context)

@@ -6,8 +6,6 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rovid import __version__
 from rovid.core.formatting import plus_minus
 from rovid.core.output_files import OutputSet
@@ -109,7 +107,6 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "missing": missing,
         "warnings": list(_warnings(report, [reason for _, reason in missing if reason])),
         "refused": [*missing, *_other_refusals(report)],
-        "rate_range": _rate_range(report),
         "rate_source": _rate_source(report),
         "noise": _noise(report),
         "box": _box_sides(report.vehicle),
@@ -206,14 +203,6 @@ def _other_refusals(report: ReportData) -> Iterator[tuple[str, str]]:
         methods.setdefault(reason, []).append(METHODS[name])
     for reason, names in methods.items():
         yield "Inertia by " + ", by ".join(names), reason
-
-
-def _rate_range(report: ReportData) -> tuple[float, float] | None:
-    """Slowest and fastest steady state in rad/s or m/s."""
-    if report.drag is None:
-        return None
-    speeds = np.abs([point.rate for point in report.drag.points])
-    return float(speeds.min()), float(speeds.max())
 
 
 def _rate_source(report: ReportData) -> str:

@@ -52,7 +52,10 @@ def viewer_document(report: ReportData) -> dict[str, Any]:
     trials = []
     for trial, items in zip(trial_levels(sides), zip(*sides, strict=True), strict=True):
         missed = [_errors_document(axis, [item]) for item in items]
-        levels = list(map(_level_document, trial.levels))
+        # The number of rows, and the table's bytes, column after column, in base64.
+        levels = [
+            {"rows": level.shape[1], "data": base64.b64encode(level.tobytes()).decode()} for level in trial.levels
+        ]
         trials.append({"name": trial.name, "samples": trial.samples, "levels": levels, "missed": missed})
     causes = effects_of(report.nested)
     keys = [{effect.key for effect in nested.model.effects} for nested in report.nested]
@@ -188,8 +191,3 @@ def _simulated_lines(column: int, plus: int | None = None, less: int | None = No
 def _line(look: str, column: int, plus: int | None = None, less: int | None = None) -> dict[str, Any]:
     """A column, and the columns that are added and subtracted; ``staged`` is the distance between simulations."""
     return {"look": look, "column": column, "plus": plus, "less": less, "staged": 0}
-
-
-def _level_document(level: NDArray[np.float32]) -> dict[str, Any]:
-    """The number of rows, and the table's bytes, column after column, in base64."""
-    return {"rows": level.shape[1], "data": base64.b64encode(np.ascontiguousarray(level).tobytes()).decode("ascii")}

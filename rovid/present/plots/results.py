@@ -268,11 +268,6 @@ def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle
     return figure
 
 
-def formula_picture(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle: Vehicle) -> bytes:
-    """`plot_formula` as PNG."""
-    return canvas.render_png(plot_formula(found, formula, runs, vehicle), "formula")
-
-
 def _law_and_residual(
     found: Discovery, formula: Formula, runs: PreparedRuns, model: Model, vehicle: Vehicle
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

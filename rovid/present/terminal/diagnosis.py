@@ -14,18 +14,8 @@ from rovid.diagnose.formulas.discovery import Discovery, units_of
 from rovid.present import sentences
 from rovid.present.console import VERDICT_STYLES, print_labelled, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.diagnosis import all_faults
+from rovid.present.tables import diagnosis as tables
 from rovid.present.tables.control import gains_table, runs_table
-from rovid.present.tables.diagnosis import (
-    challengers_table,
-    changes_table,
-    cross_prediction_table,
-    detectable_table,
-    explanations_table,
-    held_out_table,
-    predictions_table,
-    ratios_table,
-    ruled_out_names,
-)
 from rovid.present.tables.fits import estimate_table
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
@@ -76,18 +66,18 @@ def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehic
         print_labelled(console, "Next:", str(sentences.next_step(diagnosis, result.next_experiment(diagnosis), guess)))
         return
     if diagnosis.from_tables is not None:
-        predictions_table(diagnosis.from_tables).print(console, guess)
+        tables.predictions_table(diagnosis.from_tables).print(console, guess)
         if diagnosis.from_tables.causes:
-            explanations_table(diagnosis.from_tables).print(console, guess)
+            tables.explanations_table(diagnosis.from_tables).print(console, guess)
         if diagnosis.from_tables.ruled_out:
-            print_text(console, f"would not explain the tables alone: {ruled_out_names(diagnosis.from_tables)}")
+            print_text(console, f"would not explain the tables alone: {tables.ruled_out_names(diagnosis.from_tables)}")
     for finding in diagnosis.causes:
         show_finding(console, finding)
     for sentence in sentences.evidence_definitions(diagnosis.causes):
         print_text(console, sentence)
     if diagnosis.challengers:
         console.print()
-        challengers_table(diagnosis, axis).print(console, guess)
+        tables.challengers_table(diagnosis, axis).print(console, guess)
     _show_unexplained(console, diagnosis, axis)
     if diagnosis.base is not None and diagnosis.extended is not None:
         _show_improvement(console, diagnosis, diagnosis.base, diagnosis.extended)
@@ -98,7 +88,7 @@ def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehic
         size = f"{comparison} {100.0 * _SMALL_SHARE:.0f} %"
         print_text(console, f"left unexplained: {share:.2g} % of the {axis.force_name}'s variance ({size})")
     if diagnosis.verdict == "nothing_found":
-        detectable_table(diagnosis, vehicle).print(console, guess)
+        tables.detectable_table(diagnosis, vehicle).print(console, guess)
     unidentifiable = result.not_identifiable(vehicle, diagnosis)
     print_text(console, f"cannot be found from these data: {'; '.join(unidentifiable.values())}")
     if "thrust_scale" in unidentifiable and vehicle.thrusters:
@@ -163,7 +153,7 @@ def _show_improvement(
     console.print()
     if extended.model.effects:
         print_labelled(console, "Gain on trials that were not fitted:", sentences.improvement_words(errors))
-    held_out_table(diagnosis, base, extended).print(console, base.estimate.assumptions)
+    tables.held_out_table(diagnosis, base, extended).print(console, base.estimate.assumptions)
 
 
 def show_comparison(console: Console, comparison: Comparison, guess: Assumptions, warnings: Sequence[str]) -> None:
@@ -173,7 +163,11 @@ def show_comparison(console: Console, comparison: Comparison, guess: Assumptions
     for sentence in sentences.comparison_sentences(comparison):
         print_text(console, sentence)
     console.print()
-    for table in (changes_table(comparison, guess), ratios_table(comparison), cross_prediction_table(comparison)):
+    for table in (
+        tables.changes_table(comparison, guess),
+        tables.ratios_table(comparison),
+        tables.cross_prediction_table(comparison),
+    ):
         if table is not None:
             table.print(console, guess)
     for side, campaign, causes in zip("AB", (comparison.a, comparison.b), comparison.causes, strict=True):

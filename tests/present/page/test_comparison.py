@@ -8,8 +8,8 @@ from pathlib import Path
 from rovid.compare.campaign_fit import campaign_from_parameters
 from rovid.compare.comparison import Comparison, compare
 from rovid.compare.difference_tests import change_candidates, find_changes
-from rovid.core.output_files import OutputSet
-from rovid.present.page.comparison import comparison_page, write_comparison
+from rovid.core.output_files import COMPARISON, OutputFile, OutputSet
+from rovid.present.page.comparison import write_comparison
 from rovid.present.plots import canvas
 from rovid.present.plots.results import plot_drag, plot_ratios
 from rovid.trial.assumptions import Assumptions
@@ -26,7 +26,7 @@ def both(folder: Path) -> Comparison:
 
 
 def written(folder: Path, comparison: Comparison) -> str:
-    page = comparison_page(folder / "page.html")
+    page = OutputFile(folder / "page.html", COMPARISON)
     write_comparison(OutputSet([page]), page, comparison, Assumptions(), ["a note & more"])
     return page.path.read_text(encoding="utf-8")
 
