@@ -130,9 +130,7 @@ def median_of(values: Iterable[ParameterValue]) -> float:
 
 def causes(record: CampaignRecord, kind: str) -> list[str]:
     """Ids of the "findings" or the "suspects" of a campaign."""
-    if record.diagnosis is None:
-        return []
-    return [str(finding["effect"]) for finding in record.diagnosis[kind]]
+    return [str(finding["effect"]) for finding in (record.diagnosis or {}).get(kind, ())]
 
 
 def verdict(record: CampaignRecord) -> str | None:

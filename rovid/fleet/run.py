@@ -174,7 +174,13 @@ def run_fleet(
     table, page = OutputFile(out / "fleet.parquet", FLEET_TABLE), OutputFile(out / "index.html", FLEET_PAGE)
     claim = OutputSet([table, page, *files.values()], force=force)
     report("Looking for earlier results …")
-    tasks = thread_map(lambda campaign: _task(*campaign, options), list(campaigns.items()))
+
+    def task(name: str) -> CampaignTask:
+        folder, axis, cutoff = campaigns[name], options.axis, options.cutoff
+        digest = campaign_digest(folder, axis, cutoff)
+        return CampaignTask(name=name, folder=str(folder), axis=axis, cutoff=cutoff, digest=digest)
+
+    tasks = thread_map(task, list(campaigns))
     records = {record.campaign: record for record in _valid_records(tasks, files, out, claim, options.patience)}
     todo = [task for task in tasks if task.name not in records]
     for count, record in enumerate(_diagnose(todo, options, report), 1):
@@ -186,12 +192,6 @@ def run_fleet(
     report("Writing the table and the page …")
     claim.write({table: parquet_table(fleet, means), page: fleet_page(fleet, means)})
     return FleetOutput(fleet=fleet, table=table.path, page=page.path, diagnosed_anew=len(todo))
-
-
-def _task(name: str, folder: Path, options: FleetOptions) -> CampaignTask:
-    axis, cutoff = options.axis, options.cutoff
-    digest = campaign_digest(folder, axis, cutoff)
-    return CampaignTask(name=name, folder=str(folder), axis=axis, cutoff=cutoff, digest=digest)
 
 
 def _valid_records(

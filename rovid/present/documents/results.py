@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from rovid.control.autopilot import AutopilotLaw
-from rovid.control.design import ClosedLoopResult, ControllerDesign
+from rovid.control.design import ControllerDesign
 from rovid.diagnose.effect_trial import EffectGain, EffectTrial
 from rovid.diagnose.formulas.discovery import Discovery, Formula, units_of
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
@@ -16,11 +16,9 @@ from rovid.export.run_export import VerifiedExport
 from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
 from rovid.preflight.check import LogCheck, remark_document
 from rovid.preflight.clock_alignment import ClockOffset
-from rovid.preflight.command_effects import ThrusterCheck
 from rovid.preflight.config_writer import assumptions_in
 from rovid.preflight.log_survey import LogSurvey
 from rovid.preflight.planar_check import PlanarCheck
-from rovid.preflight.signal_guess import ColumnMapping
 from rovid.present.documents import fits
 from rovid.store.parameter_file import Parameters
 from rovid.trial.assumptions import Assumptions
@@ -157,16 +155,15 @@ def control_document(design: ControllerDesign, warnings: Sequence[str], guess: A
         "torque_in_use": design.conditions.torque_in_use,
         "monte_carlo": None if spread is None else vars(spread),
         "effects": [effect.key for effect in design.model.effects],
-        "runs": list(map(_closed_run, design.runs)),
+        # Times in s, angles in deg, effort in N m.
+        "runs": [
+            fits.fields(run, "name", "effects", "model_aid", "effects_known") | asdict(run.metrics)
+            for run in design.runs
+        ],
         "units": dict(_CONTROL_UNITS),
         **fits.guess_document(guess),
         "warnings": fits.all_warnings(guess, warnings),
     }
-
-
-def _closed_run(run: ClosedLoopResult) -> fits.Document:
-    """A closed-loop run: times in s, angles in deg, effort in N m."""
-    return fits.fields(run, "name", "effects", "model_aid", "effects_known") | asdict(run.metrics)
 
 
 def export_document(name: str, file: str, made: VerifiedExport, guess: Assumptions) -> fits.Document:
@@ -211,7 +208,12 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> fits.Document
             name: {"source": guess.source, "unit": guess.unit or None, "sign": guess.sign, "why": guess.reason}
             for name, guess in mapping.signals.items()
         }
-        commands[kind] = _guessed_commands(mapping)
+        commands[kind] = [
+            fits.fields(guess, "name", "source", "lowest", "highest", why="reason", rests_at="neutral")
+            | {"turns": guess.direction, "told": guess.direction_known, "arm": guess.arm or None}
+            | fits.fields(guess.observed, standard_errors="t_statistic", share="explained_share")
+            for guess in mapping.commands
+        ]
         unused[kind] = list(mapping.unused)
     return {
         "schema": "rovid-init/1",
@@ -231,15 +233,6 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> fits.Document
     }
 
 
-def _guessed_commands(mapping: ColumnMapping) -> list[fits.Document]:
-    return [
-        fits.fields(guess, "name", "source", "lowest", "highest", why="reason", rests_at="neutral")
-        | {"turns": guess.direction, "told": guess.direction_known, "arm": guess.arm or None}
-        | fits.fields(guess.observed, standard_errors="t_statistic", share="explained_share")
-        for guess in mapping.commands
-    ]
-
-
 def check_document(checked: LogCheck, vehicle: Vehicle) -> fits.Document:
     """The document of `rovid check --json`; positions in rad or m."""
     return shared_check_document(checked, vehicle) | {
@@ -247,7 +240,12 @@ def check_document(checked: LogCheck, vehicle: Vehicle) -> fits.Document:
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
         "feedback": list(map(vars, checked.feedback)),
         "clocks": list(map(_clock_document, checked.clocks.offsets)),
-        "thrusters": list(map(_thruster_document, checked.thrusters)),
+        "thrusters": [
+            {"name": one.name}
+            | fits.fields(one.observed, way="direction", standard_errors="t_statistic", share="explained_share")
+            | {"strength": fits.fields(one, value="strength", standard_error="error")}
+            for one in checked.thrusters
+        ],
     }
 
 
@@ -262,14 +260,6 @@ def shared_check_document(checked: LogCheck | PlanarCheck, vehicle: Vehicle) -> 
         "remarks": list(map(remark_document, checked.remarks)),
         "advice": list(map(vars, checked.advice)),
     }
-
-
-def _thruster_document(thruster: ThrusterCheck) -> fits.Document:
-    """Direction and strength of a thruster as the logs show them."""
-    observed = thruster.observed
-    strength = {"strength": fits.fields(thruster, value="strength", standard_error="error")}
-    shown = fits.fields(observed, way="direction", standard_errors="t_statistic", share="explained_share")
-    return {"name": thruster.name, **shown, **strength}
 
 
 def _clock_document(clock: ClockOffset) -> fits.Document:

@@ -2,12 +2,10 @@
 
 import itertools
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
-
-from markupsafe import Markup
+from typing import Any, TypeVar
 
 from rovid.core.formatting import plus_minus
 from rovid.core.output_files import OutputFile
@@ -15,7 +13,7 @@ from rovid.core.spmd import forked_workers, parallel_map
 from rovid.diagnose.cross_validation import split_runs
 from rovid.model.simulation import TrialSimulation
 from rovid.present.number_format import format_number, steady_state_words, unit_symbol
-from rovid.present.page.page_files import FigureDraft, ReportFigure, plot_files, render_draft
+from rovid.present.page.page_files import FigureDraft, plot_files, render_draft
 from rovid.present.plots import canvas, identification, results, trials
 from rovid.present.report_data import ReportData, worst_first
 from rovid.present.residuals import missing_without, rms_sizes, unexplained_torques
@@ -30,41 +28,19 @@ LARGE_PLOTS, FAULT_PLOTS = 40, 8
 _T = TypeVar("_T")
 
 
-@dataclass(frozen=True, kw_only=True)
-class WorstTrialFigure:
-    """The worst trial without and with the causes as inline SVG, for a wide and for a narrow screen."""
+class ReportFigures(defaultdict[str, Any]):
+    """All plots of a report by section, empty where there are none; ``rivals`` and ``drivers`` by the key of an effect.
 
-    caption: str
-    alt: str
-    wide: Markup
-    narrow: Markup
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReportFigures:
-    """All plots of a report by section; ``rivals`` and ``drivers`` by the key of an effect.
-
-    ``worst`` is on the first screen. ``large`` and ``compared`` are files only: the viewer and ``worst`` show the same.
+    ``worst``, on the first screen, has caption, alternative text and inline SVG for a wide and for a narrow screen.
+    ``large`` and ``compared`` are files only: the viewer and ``worst`` show the same.
     """
 
-    worst: WorstTrialFigure | None = None
-    faults: tuple[ReportFigure, ...] = ()
-    thrust: tuple[ReportFigure, ...] = ()
-    steady: tuple[ReportFigure, ...] = ()
-    inertia: tuple[ReportFigure, ...] = ()
-    sines: tuple[ReportFigure, ...] = ()
-    overview: tuple[ReportFigure, ...] = ()
-    large: tuple[ReportFigure, ...] = ()
-    residuals: tuple[ReportFigure, ...] = ()
-    rivals: Mapping[str, ReportFigure] = field(default_factory=dict)
-    drivers: Mapping[str, ReportFigure] = field(default_factory=dict)
-    compared: tuple[ReportFigure, ...] = ()
-    left_over: tuple[ReportFigure, ...] = ()
-    closed_loop: tuple[ReportFigure, ...] = ()
+    def __init__(self, **sections: Any) -> None:
+        super().__init__(tuple, sections)
 
     def files(self, folder: Path) -> dict[OutputFile, bytes]:
         """Every plot as PNG and as SVG in ``folder``."""
-        sections = list(vars(self).values())[1:]  # The first, the worst trial, is part of the page.
+        sections = [one for name, one in self.items() if name != "worst"]  # The worst trial is part of the page.
         each = (section.values() if isinstance(section, Mapping) else section for section in sections)
         return plot_files(itertools.chain.from_iterable(each), folder)
 
@@ -98,7 +74,7 @@ def _draw(report: ReportData) -> ReportFigures:
         worst=_worst(report),
         rivals={key: rendered[draft] for key, draft in rivals.items()},
         drivers={key: rendered[draft] for key, draft in drivers.items()},
-        **{name: tuple(rendered[draft] for draft in section) for name, section in sections.items()},
+        **{name: [rendered[draft] for draft in section] for name, section in sections.items()},
     )
 
 
@@ -108,17 +84,17 @@ def _faults(found: Sequence[Fault]) -> Iterator[FigureDraft]:
         yield FigureDraft(f"fault_{number:02d}", plot, caption=f"{fault.title}.", alt="The signal at the fault.")
 
 
-def _worst(report: ReportData) -> WorstTrialFigure | None:
+def _worst(report: ReportData) -> dict[str, str]:
     """The trial with the largest error, without and with the causes."""
     if not report.simulations_without:
-        return None
-    before, after = _worst_pair(report)
-    drawn, guess = [], report.vehicle.assumptions
+        return {}
+    (before, after), guess = _worst_pair(report), report.vehicle.assumptions
+    caption = f"The worst trial, {before.run.trial.name}, simulated freely."
+    worst = {"caption": caption, "alt": _error_words(before, after)}
     for name, width, rows in (("wide", 5.6, (1.9, 1.0)), ("narrow", 3.9, (0.75, 0.45))):
         figure = canvas.mark_guessed(trials.plot_before_after(before, after, width=width, rows=rows), guess)
-        drawn.append(canvas.render_inline_svg(figure, name))
-    caption = f"The worst trial, {before.run.trial.name}, simulated freely."
-    return WorstTrialFigure(caption=caption, alt=_error_words(before, after), wide=drawn[0], narrow=drawn[1])
+        worst[name] = canvas.render_inline_svg(figure, name)
+    return worst
 
 
 def _worst_pair(report: ReportData) -> tuple[TrialSimulation, TrialSimulation]:

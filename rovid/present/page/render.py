@@ -83,21 +83,16 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
     residual_sizes = None
     if report.runs is not None and simulations:
         residual_sizes = rms_sizes(unexplained_torques(report.runs, report.parameters.model(), report.vehicle))
-    return {
+    return vars(report) | {
         "report": report,
         "fault_texts": fault_texts(report.faults),
         "axis": axis,
         "steady": steady_state_words(axis),
         "arm": arm_words(axis)[0],
         "restoring": restoring_effect(axis),
-        "vehicle": report.vehicle,
         "stored": report.parameters,
-        "drag": report.drag,
-        "inertia": report.inertia,
-        "runs": report.runs,
         "trials": all_trials,
         "remarked": sum(bool(trial.remarks) for trial in all_trials),
-        "simulations": simulations,
         "answer": summarize(report),
         "added": _added_inertia(report),
         "correlations": fits.correlation_table(report.parameters),
@@ -140,7 +135,7 @@ def _sections(report: ReportData, figures: ReportFigures) -> tuple[list[tuple[st
         ("trials", "Trials", bool(report.campaign and report.campaign.trials)),
         ("model", "The model", True),
         ("diagnosis", "Causes", diagnosed),
-        ("misses", "What is left over", bool(figures.left_over or figures.residuals)),
+        ("misses", "What is left over", bool(figures["left_over"] or figures["residuals"])),
     ]
     folded = [
         ("drag", "Drag" if axis.self_righting else f"Drag from {steady}s", report.drag is not None),

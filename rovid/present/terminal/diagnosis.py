@@ -236,19 +236,12 @@ def show_discovery(console: Console, found: Discovery) -> None:
         print_labelled(console, "Torque in N m:", formula.text)
         print_text(console, f"  {', '.join(values)}", 2)
         beside = sentences.join_words(list(map(sentences.cause_title, formula.beside)))
-        print_text(
-            console,
-            f"  log-likelihood gain {formula.gain:.0f} next to {beside or 'the plain model'}, "
-            f"{formula.held_out_nats:.0f} on trials that were not fitted",
-            2,
+        held_out = f"{formula.held_out_nats:.0f} on trials that were not fitted"
+        gain = f"log-likelihood gain {formula.gain:.0f} next to {beside or 'the plain model'}, {held_out}"
+        share = (
+            f"{100.0 * formula.held_out_gain:.0f} % of the free-running rate error (mean square) on trials that were"
         )
-        print_text(
-            console,
-            f"  removes {100.0 * formula.held_out_gain:.0f} % of the free-running rate error (mean square) on trials "
-            f"that were not fitted; selected in {100.0 * formula.inclusion:.0f} % of bootstrap draws",
-            2,
-        )
-        nearest = (
-            f"similar to {sentences.cause_title(formula.nearest)}" if formula.nearest else "similar to no named effect"
-        )
-        print_text(console, f"  {nearest}")
+        use = f"removes {share} not fitted; selected in {100.0 * formula.inclusion:.0f} % of bootstrap draws"
+        nearest = sentences.cause_title(formula.nearest) if formula.nearest else "no named effect"
+        for text in (gain, use, f"similar to {nearest}"):
+            print_text(console, f"  {text}", 2)

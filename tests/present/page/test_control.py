@@ -179,7 +179,7 @@ def test_a_page_with_effects_says_what_holds_against_them(day: ReportData, pushe
     text = shown(evidence)
     assert "T = DQ·|r|·r + DL·r + hold + kp·(ψ wanted − ψ) − kd·r" in text
     assert "Effects of the model: constant torque." in text
-    (picture,) = draw_figures(replace(evidence, simulations=(), runs=None, inertia=None, drag=None)).closed_loop
+    (picture,) = draw_figures(replace(evidence, simulations=(), runs=None, inertia=None, drag=None))["closed_loop"]
     assert "90 to 200 deg" in picture.alt
 
 

@@ -256,9 +256,9 @@ def test_without_holds_the_refusal_stands_in_place_of_the_drag(day: ReportData, 
     assert "not determined" in text
     assert "Nothing was simulated: inertia or drag is missing." in text
     made = draw_figures(replace(evidence, inertia=None))
-    assert not made.steady
-    assert not made.overview
-    assert not made.residuals
+    assert not made["steady"]
+    assert not made["overview"]
+    assert not made["residuals"]
 
 
 @pytest.mark.slow
