@@ -37,21 +37,13 @@ FORMATS: Mapping[str, ExportFormat] = {
 }
 # Other names -> format.
 ALIASES: Mapping[str, str] = {
-    "gazebo": "gz-sim",
-    "ignition": "gz-sim",
-    "sdf": "gz-sim",
-    "uuv_simulator": "uuv",
-    "xacro": "uuv",
+    **dict.fromkeys(("gazebo", "ignition", "sdf"), "gz-sim"),
+    **dict.fromkeys(("uuv_simulator", "xacro"), "uuv"),
     "virtual_robotx": "vrx",
     "mjcf": "mujoco",
     "yaml": "ros2",
-    "simulink": "matlab",
-    "octave": "matlab",
-    "mat": "matlab",
-    "ardusub": "ardupilot",
-    "ardurover": "ardupilot",
-    "sitl": "ardupilot",
+    **dict.fromkeys(("simulink", "octave", "mat"), "matlab"),
+    **dict.fromkeys(("ardusub", "ardurover", "sitl"), "ardupilot"),
     "marine-systems-simulator": "mss",
-    "fossen": "python-vehicle-simulator",
-    "python": "python-vehicle-simulator",
+    **dict.fromkeys(("fossen", "python"), "python-vehicle-simulator"),
 }

@@ -16,6 +16,7 @@ from rovid.model.model import Model
 from rovid.model.parameter_names import unit_of
 from rovid.planar.model import SNAME
 from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import YAW
 
 _BASE = ("inertia", "quadratic_drag", "linear_drag")
 _EQUATION = "inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = sum(yaw_arm*thrust(command)) + effects"
@@ -132,13 +133,8 @@ def _base_parameters(subject: ExportInput) -> dict[str, Any]:
 
 def _result(subject: ExportInput, content: str | bytes, base: Mapping[str, Any], effects: EffectValues) -> ExportResult:
     """The result, with rovid's equation and the numbers as read back from the file."""
-    read = Model(
-        inertia=float(base["inertia"]),
-        quadratic_drag=float(base["quadratic_drag"]),
-        linear_drag=float(base["linear_drag"]),
-        effects=subject.model.effects,
-        effect_values=tuple(float(value) for one in subject.model.effects for value in effects[one.key].values()),
-    )
+    values = [value for one in subject.model.effects for value in effects[one.key].values()]
+    read = Model.from_values([*(base[name] for name in _BASE), *values], YAW, subject.model.effects)
     return ExportResult(
         content=content,
         simulate=lambda commands: subject.motion(read, commands),
