@@ -290,7 +290,7 @@ def test_tables_hold_every_parameter() -> None:
 
 
 def test_a_format_that_cannot_hold_the_model_is_refused() -> None:
-    assert {name for name, form in FORMATS.items() if form.planar is None} == {"stonefish", "ardupilot", "px4"}
+    assert {name for name, form in FORMATS.items() if not form.planar} == {"stonefish", "ardupilot", "px4"}
     with pytest.raises(ConfigError, match="cannot hold surge, sway and yaw together"):
         load_exporter("stonefish", planar=True)
     with pytest.raises(ConfigError, match="mujoco"):
