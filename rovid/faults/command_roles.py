@@ -120,7 +120,7 @@ def _moments(log: LogRegressors, shares: FloatArray) -> tuple[FloatArray, FloatA
     The p parameters are inertia, quadratic and linear drag, and the relative gain of each thruster.
     """
     contrast = log.single - log.torque[:, None] * shares
-    gains = contrast.mean(axis=0) - contrast
+    gains = -log.centred(contrast)
     x, z = np.column_stack((log.x, gains)), np.column_stack((log.z, gains))
     return z.T @ x, z.T @ log.forcing
 
@@ -163,8 +163,7 @@ class _Prediction:
 
     def residual(self, single: FloatArray) -> FloatArray:
         """(n,) residual torque with the (n, k) torque of each thruster."""
-        rest = self.motion - self.torque(single) - self.log.ambient
-        return np.asarray(rest - rest.mean())
+        return self.log.centred(self.motion - self.torque(single) - self.log.ambient)
 
     @cached_property
     def own(self) -> FloatArray:
@@ -223,7 +222,7 @@ def _silences(fit: _Prediction, at: int, name: str) -> Iterator[_Hypothesis]:
     log = fit.log
     # Torque that the residual gains where the thruster does not push.
     push = fit.torque(log.single * (np.arange(log.single.shape[1]) == at))
-    whole = fit.logged + push - push.mean()
+    whole = fit.logged + log.centred(push)
     yield _Hypothesis(what=f"{name} does not push", residual=whole)
     work = np.cumsum(push**2) / (push @ push)
     inside = np.flatnonzero((work > _WORKS) & (work < 1.0 - _WORKS))
@@ -232,8 +231,7 @@ def _silences(fit: _Prediction, at: int, name: str) -> Iterator[_Hypothesis]:
     # Sums from each instant on: what the silence changes in the squared residual, and in the mean that the trim takes.
     changed, mean = (np.cumsum(each[::-1])[::-1] for each in (2.0 * fit.logged * push + push**2, push))
     first = int(inside[np.argmin((changed - mean**2 / len(push))[inside])])
-    residual = fit.logged + push * (np.arange(len(push)) >= first)
-    residual -= residual.mean()
+    residual = fit.logged + log.centred(push * (np.arange(len(push)) >= first))
     if fit.gain(residual, whole) > _LEVEL + np.log(len(inside)):
         instant = float(log.time[first])
         yield _Hypothesis(what=f"{name} does not push from {instant:.1f} s on", residual=residual, at=(instant,))

@@ -120,6 +120,11 @@ class LogRegressors:
         """(n,) s from the beginning of the log's first part."""
         return np.concatenate([run.rates.time[run.valid] + run.trial.campaign_time - self.start for run in self._runs])
 
+    def centred(self, values: FloatArray) -> FloatArray:
+        """(n,) or (n, k) ``values`` without their mean in each part of the log, as the regressors are."""
+        ends = np.cumsum([int(run.valid.sum()) for run in self._runs])[:-1]
+        return np.concatenate([part - part.mean(axis=0) for part in np.split(values, ends)])
+
     @cached_property
     def is_opposite(self) -> bool:
         """Whether the vehicle moves against its torque: own inertia and drag both negative, which is impossible."""

@@ -75,7 +75,7 @@ def _turned_arms(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[str]:
         return
     logs = model.regressors
     x, z = (np.concatenate([getattr(log, name) for log in logs]) for name in "xz")
-    single = np.concatenate([log.single - log.single.mean(axis=0) for log in logs])
+    single = np.concatenate([log.centred(log.single) for log in logs])
 
     def fitted(signs: FloatArray) -> tuple[FloatArray, float]:
         torque = single @ signs

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,10 +13,10 @@ from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import played, slewed
 from rovid.faults.base import RunsData, examine
 from rovid.faults.foreign_log import DETECTORS, minority_payload
-from rovid.faults.quick_model import fit_quick_model
+from rovid.faults.quick_model import fit_quick_model, log_name
 from rovid.model.model import Model
 from rovid.trial.fault import Fault, FaultOverrides
-from rovid.trial.preprocessing import Run
+from rovid.trial.preprocessing import Run, prepare_trials
 from rovid.trial.vehicle import Thruster, Vehicle
 from tests.conftest import slow
 from tests.faults.days import SMALL, VEHICLES, day, programme, scaled
@@ -39,11 +40,15 @@ DAMAGES: dict[str, tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArra
 }
 
 
-def two_thrusters(damage: str, seed: int, damaged: Collection[int] = (2,)) -> list[Run]:
-    """Six logs of 80 s at 5 Hz with steps of both thrusters; those with the ``damaged`` numbers are damaged."""
+def two_thrusters(damage: str, seed: int, damaged: Collection[int] = (2,), turning: float = 0.0) -> list[Run]:
+    """Six logs of 80 s at 5 Hz with steps of both thrusters; those with the ``damaged`` numbers are damaged.
+
+    ``turning``: command to starboard for 30 s, and to port for 30 s.
+    """
     rng, time, runs = np.random.default_rng(seed), clock(80.0, 5.0), []
     for number in range(6):
         ordered = rng.uniform(-1.0, 1.0, (40, 2))[(time // 4.0).astype(int)]
+        ordered += turning * np.select([time < 30.0, time < 60.0], [1.0, -1.0])[:, None] * np.sign([*ARMS.values()])
         logged, acts = (each(ordered) for each in DAMAGES[damage if number in damaged else ""])
         torque, pushed = (100.0 * commands @ np.array([*ARMS.values()]) for commands in (logged, acts))
         disturbance = gauss_markov(len(time), 0.2, 2.0, 4.0, rng)
@@ -63,6 +68,18 @@ def test_a_log_with_other_commands_than_its_thrusters_is_named(damage: str) -> N
         assert [fault.logs for fault in faults] == ([("run_2.csv",)] if damage else [])
         assert len(data.runs) == 6 - bool(damage)
         assert all(damage in fault.text for fault in faults)
+
+
+def test_a_log_in_parts_is_judged_without_the_mean_torque_of_each() -> None:
+    damage = "the commands of a have the opposite sign"
+    runs = two_thrusters(damage, 3, turning=1.0)
+    trial = runs[2].trial
+    parts = [trial.part(slice(*rows), f"{trial.name}, {rows[0]}") for rows in pairwise((0, 150, 300, 400))]
+    runs[2:3] = prepare_trials(parts, TWO, cutoff=0.7).items
+    assert {log_name(run) for run in runs} == {f"run_{number}.csv" for number in range(6)}
+    (fault,) = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=TWO), FaultOverrides())[1]
+    assert fault.logs == ("run_2.csv",)
+    assert damage in fault.text
 
 
 def test_signs_that_are_wrong_in_half_of_the_logs_or_in_one_of_three_are_named() -> None:
