@@ -35,6 +35,9 @@ _MOST_SUSPECTS = 3
 _FORMLESS = (
     "{} improves the prediction of held-out parts, but the base model is not exact here: its form is not established."
 )
+_DISAGREED = "Free-running simulations favour {}, the likelihood of the innovations {}: neither is established."
+# Probability that either of two criteria is right that name different causes. A decision.
+_ONE_OF_TWO = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,22 +78,37 @@ def diagnose_planar(
     if missing := _too_short(data, parts, base):
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
     search, model = _searched(data, base, own)
+    likelier: list[Finding] = []
     simulating = better_simulating(model, data)
     if simulating.is_multi_step and not model.is_multi_step:
         # The likelihood does not hold for any model of the search: free-running simulations decide.
         report("Fitting free-running simulations …")
+        first = _Gate(search, parts)
+        likelier = [first.tested(model, effect)[0] for effect in search.causes(model)]
         base = fit_free_runs(base, data) if search.causes(model) else replace(simulating, likeliest=None)
         parts = Parts(data, base)
         search, model = _searched(data, base, own)
+        model = _agreeing(search, model, {one.effect.id for one in likelier})
     report("Validating on held-out parts …")
     model, tested, messages = _validated(search, _Gate(search, parts), model)
-    return _result(search, parts, model, tested, messages)
+    return _result(search, parts, model, tested, messages, likelier)
 
 
 def _searched(data: PlanarData, base: PlanarOptimum, budget: Budget) -> tuple[PlanarSearch, PlanarOptimum]:
     search = PlanarSearch(data, base, planar_candidates(data), budget)
     budget.report("Searching for causes …")
     return search, search.challenged(search.run(base))
+
+
+def _agreeing(search: PlanarSearch, model: PlanarOptimum, likelier: Collection[str]) -> PlanarOptimum:
+    """The model with ``likelier`` causes in the place of others that free-running simulations do not tell from them."""
+    for effect in search.causes(model):
+        gain = search.score(model) - search.score(search.without(model, effect))
+        for one in search.replacements(model, effect) if effect.id not in likelier else ():
+            if one.effects[-1].id in likelier and search.score(model) - search.score(one) < THRESHOLDS.tie(gain):
+                model = search.polish(one)
+                break
+    return model
 
 
 def _missing(data: PlanarData) -> str:
@@ -230,14 +248,22 @@ def _validated(
 
 
 def _result(
-    search: PlanarSearch, parts: Parts, model: PlanarOptimum, tested: Sequence[Finding], messages: Sequence[str]
+    search: PlanarSearch,
+    parts: Parts,
+    model: PlanarOptimum,
+    tested: Sequence[Finding],
+    messages: Sequence[str],
+    likelier: Sequence[Finding],
 ) -> PlanarDiagnosis:
+    """The result; ``likelier`` are the causes by the likelihood, where free-running simulations replaced it."""
     gate, data = _Gate(search, parts), search.data
     late = bool(search.budget.not_tried)
     # Where the base model is not exact, a coupling of another form may fit as well as the true one.
     formless = [one for one in tested if model.is_multi_step and isinstance(one.effect.acts, Coupling)]
     messages = [*messages, *(_FORMLESS.format(one.effect.title) for one in formless)]
-    sure = [one for one in tested if one.probability >= THRESHOLDS.established and one not in formless]
+    apart, others = _contradicted(tested, likelier), " and ".join(one.effect.title for one in likelier)
+    messages += [_DISAGREED.format(one.effect.title, others) for one in apart]
+    sure = [one for one in tested if one.probability >= THRESHOLDS.established and one not in (*formless, *apart)]
     established = [] if late else sure
     final = model
     for one in tested:
@@ -257,7 +283,10 @@ def _result(
         if one not in established:
             own, probability = likely.only(one.effect.parameter_names), _as_suspect(one.probability)
             suspects.append(replace(one, estimate=own, probability=probability, is_complete=not late))
-    suspects += _further(search, gate, model, {one.effect.id for one in tested})
+    rivals = [one for one in likelier if apart and one.effect.id not in {own.effect.id for own in tested}]
+    suspects += [*rivals, *_further(search, gate, model, {one.effect.id for one in (*tested, *rivals)})]
+    if apart:
+        suspects = [replace(one, probability=_ONE_OF_TWO * one.probability) for one in suspects]
     floors = noise_floors(parts, final)
     scores = gate.held_out(final).scores
     base = PlanarAssessment(fit=base_fit, held_out=gate.held_out(search.base).scores)
@@ -293,6 +322,14 @@ def _result(
         warnings=tuple(warnings),
         budget=search.budget.use,
     )
+
+
+def _contradicted(tested: Sequence[Finding], likelier: Sequence[Finding]) -> list[Finding]:
+    """Causes by free-running simulations where the likelihood names others: none that they cannot be told from."""
+    named = {one.effect.id for one in likelier}
+    return [
+        one for one in tested if named and named.isdisjoint({one.effect.id, *(e.id for e in one.indistinguishable)})
+    ]
 
 
 def _is_refused(fit: PlanarFit, effect: Effect) -> bool:

@@ -14,7 +14,7 @@ from rovid.core.errors import DataError
 from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations, Jacobian
 from rovid.planar.dataset import planar_data
-from rovid.planar.diagnosis import diagnose_planar
+from rovid.planar.diagnosis import _agreeing, _contradicted, diagnose_planar
 from rovid.planar.fit import fit_base
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
@@ -91,3 +91,33 @@ def test_a_candidate_that_diverges_loses_and_the_search_goes_on(monkeypatch: pyt
     assert candidate.value == pytest.approx(base.value)
     assert not search.is_usable(candidate)
     assert search.run(base) is base
+
+
+def named(effect: str, *rivals: str) -> Any:
+    """A finding with the causes that it cannot be told from."""
+    return SimpleNamespace(effect=effect_named(effect), indistinguishable=tuple(map(effect_named, rivals)))
+
+
+def test_a_cause_is_contradicted_where_the_likelihood_names_another() -> None:
+    lag, hysteresis = named("thruster_lag", "command_delay"), named("command_hysteresis")
+    assert _contradicted([lag, hysteresis], [named("command_delay")]) == [hysteresis]
+    # Without a cause by the likelihood, nothing contradicts.
+    assert _contradicted([lag, hysteresis], []) == []
+
+
+@pytest.mark.parametrize(("score", "expected"), [(59.0, "command_delay"), (20.0, "thruster_lag")])
+def test_the_likelier_of_causes_that_simulations_do_not_tell_apart_is_taken(score: float, expected: str) -> None:
+    lag, delay, nothing = (
+        SimpleNamespace(effects=tuple(map(effect_named, names)), score=one)
+        for names, one in ((("thruster_lag",), 60.0), (("command_delay",), score), ((), 0.0))
+    )
+    search: Any = SimpleNamespace(
+        causes=lambda model: model.effects,
+        score=lambda model: model.score,
+        without=lambda *_: nothing,
+        replacements=lambda *_: [delay],
+        polish=lambda model: model,
+    )
+    model: Any = lag
+    assert [one.id for one in _agreeing(search, model, {"command_delay"}).effects] == [expected]
+    assert _agreeing(search, model, set()) is lag
