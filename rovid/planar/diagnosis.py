@@ -285,8 +285,8 @@ def _result(
             suspects.append(replace(one, estimate=own, probability=probability, is_complete=not late))
     rivals = [one for one in likelier if apart and one.effect.id not in {own.effect.id for own in tested}]
     suspects += [*rivals, *_further(search, gate, model, {one.effect.id for one in (*tested, *rivals)})]
-    if apart:
-        suspects = [replace(one, probability=_ONE_OF_TWO * one.probability) for one in suspects]
+    share = _ONE_OF_TWO if apart else 1.0
+    suspects = [replace(one, probability=share * one.probability) for one in suspects]
     floors = noise_floors(parts, final)
     scores = gate.held_out(final).scores
     base = PlanarAssessment(fit=base_fit, held_out=gate.held_out(search.base).scores)

@@ -60,9 +60,13 @@ def parameter_scale(best: PlanarOptimum) -> FloatArray:
     scale[:3] = base[:3]
     scale[3] = math.sqrt(base[1] * base[2])
     speed = coordinates.sizes.speed
-    damping = base[4:7] + base[7:10] * speed
-    scale[4:7] = np.where(damping > 0.0, damping, scale[4:7])
-    scale[7:10] = np.where(damping > 0.0, damping / speed, scale[7:10])
+    by_speed = np.hstack((np.eye(3), np.diag(speed)))
+    total = by_speed @ base[4:10]
+    error = np.sqrt(np.maximum(np.diag(by_speed @ best.covariance[4:10, 4:10] @ by_speed.T), 0.0))
+    # A total that is known no better than its error does not make a drag small: the usual force does, if it is smaller.
+    least = np.minimum(scale[4:7], np.where(total > 0.0, total, np.inf))
+    damping = np.where(total > error, total, least)
+    scale[4:7], scale[7:10] = damping, damping / speed
     own = np.abs(coordinates.values(best.x))
     # Of a rudder and of an effect its own size, if that is larger than the scale.
     scale[BASE_COUNT:] = np.maximum(scale[BASE_COUNT:], own[BASE_COUNT:])
