@@ -120,4 +120,4 @@ def test_the_likelier_of_causes_that_simulations_do_not_tell_apart_is_taken(scor
     )
     model: Any = lag
     assert [one.id for one in _agreeing(search, model, {"command_delay"}).effects] == [expected]
-    assert _agreeing(search, model, set()) is lag
+    assert _agreeing(search, model, set()) is model
