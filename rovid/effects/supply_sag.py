@@ -147,42 +147,26 @@ def for_trials(names: Sequence[str]) -> Effect:
 
     The mean gain of several trials is one, as the logs do not determine a common scale of all thrust.
     """
-    if len(names) > 1:
-        return _for_several(names)
-
-    def in_trial(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-        return thrust * further_terms.held_sizes(inputs, names, [values["gain"]], 1.0)[:, None]
-
-    return replace(
-        EFFECT,
-        form=further_terms.form_name(names),
-        title="different thrust in one trial",
-        parameters=(_GAIN,),
-        equation="T' = g·T in the named trial",
-        fingerprint="residual torque in proportion to T, in one log only",
-        experiment="the named run again, and one of the other runs; the supply's voltage in the log",
-        rivals=_RIVALS_PER_TRIAL,
-        acts=OnThrust(in_trial),
-    )
-
-
-def _for_several(names: Sequence[str]) -> Effect:
-    gains = further_terms.one_size_per_trial(_GAIN, len(names) - 1, 1.1)
+    is_single = len(names) == 1
+    gains = (_GAIN,) if is_single else further_terms.one_size_per_trial(_GAIN, len(names) - 1, 1.1)
 
     def in_trials(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
         own = [values[gain.name] for gain in gains]
-        last = max(len(names) - sum(own), 0.0)
-        return thrust * further_terms.held_sizes(inputs, names, [*own, last], 1.0)[:, None]
+        last = [] if is_single else [max(len(names) - sum(own), 0.0)]
+        return thrust * further_terms.held_sizes(inputs, names, [*own, *last], 1.0)[:, None]
 
+    where = "in the named trial" if is_single else f"a separate g for each trial with a mean of 1: {', '.join(names)}"
+    show = "in one log only" if is_single else "in every log, with a different size and sign in each"
+    runs = "the named run again, and one of the other runs" if is_single else "the same run several times"
     return replace(
         EFFECT,
         form=further_terms.form_name(names),
-        title="different thrust in each trial",
+        title=f"different thrust in {'one' if is_single else 'each'} trial",
         parameters=gains,
         size_count=len(gains),
-        equation=f"T' = g·T, a separate g for each trial with a mean of 1: {', '.join(names)}",
-        fingerprint="residual torque in proportion to T in every log, with a different size and sign in each",
-        experiment="the same run several times; the supply's voltage in the log",
+        equation=f"T' = g·T{' ' if is_single else ', '}{where}",
+        fingerprint=f"residual torque in proportion to T, {show}",
+        experiment=f"{runs}; the supply's voltage in the log",
         rivals=_RIVALS_PER_TRIAL,
         acts=OnThrust(in_trials),
     )
