@@ -72,7 +72,7 @@ def misassigned(runs: Sequence[Run], vehicle: Vehicle) -> Misfit | None:
     for at, fit in enumerate(fits):
         others = np.arange(len(logs)) != at
         usual = float(np.median(shares[agree & others if (agree & others).any() else others]))
-        if shares[at] < max(_MIN_SHARE, _EXPLAINED * usual):
+        if shares[at] < max(_MIN_SHARE, _EXPLAINED * usual) or not fit.is_possible:
             continue
         hypotheses = [*_hypotheses(fit, vehicle)]
         level = _LEVEL + np.log(len(logs) * len(hypotheses))
@@ -160,6 +160,13 @@ class _Prediction:
         """(n,) torque by the (n, k) torque of each thruster, with the gains of the other logs."""
         total = single.sum(axis=1)
         return np.asarray(total + (single - total[:, None] * self._shares) @ self._gains)
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether the other logs' gains reverse no thruster: else they do not determine the thrusters of this log."""
+        return bool(
+            np.all((1.0 + self._gains - self._shares @ self._gains)[np.ptp(self.log.single, axis=0) > 0.0] > 0.0)
+        )
 
     def residual(self, single: FloatArray) -> FloatArray:
         """(n,) residual torque with the (n, k) torque of each thruster."""

@@ -9,7 +9,8 @@ balance a tether, a current or friction.
 
 While the command is held, the torque by the motion, I rdot + DQ |r| r + DL r, over the torque by the command is near
 one. A log in which this ratio is near zero in every hold does not respond, whatever waves do to it. A ratio that falls
-to zero and returns during one hold is a supply that was interrupted: a wall, a tether or the wind does not let go.
+to zero and returns during one hold is a supply that was interrupted: a wall, a tether or the wind does not let go. So
+is one that falls at once and stays to the end of the hold: a tether turns the vehicle back bit by bit, a wall stops it.
 """
 
 import re
@@ -40,8 +41,9 @@ _COASTS = 0.25
 _SILENT, _ANSWERS, _DEVIATIONS, _MIN_WINDOWS = 0.25, 0.75, 5.0, 10
 # Torque of a window over the largest, and its largest variation: the command is held at full thrust.
 _FULL_HOLD, _HELD = 0.5, 0.1
-# Shortest interruption in windows, each a quarter of a time constant after the one before.
-_INTERRUPTED = 5
+# Shortest interruption in windows, each a quarter of a time constant after the one before; longest fall to none, where
+# the response does not return: one of the windows, each a time constant long, and two for the filter of the rates.
+_INTERRUPTED, _FALL = 5, 6
 # Length of a window in time constants, and its smallest number of samples.
 _WINDOW, _MIN_SAMPLES = 5.0, 20
 # Equal readings in succession that a vehicle under thrust hardly has.
@@ -99,10 +101,18 @@ def _interruptions(parts: Mapping[str, Sequence[Run]], model: QuickModel) -> Ite
             yield name, ()
             continue
         for hold in own:
-            states = "".join("0" if abs(one) < silent else "1" if one > _ANSWERS else "-" for _, one in hold)
-            if pause := re.search(rf"1-*(0{{{_INTERRUPTED},}})-*1", states):
+            states = "".join(_state(one, silent) for _, one in hold)
+            none = f"(0{{{_INTERRUPTED},}})"
+            if pause := re.search(f"1[-<]*{none}[-<]*1", states) or re.search(f"1-{{0,{_FALL}}}{none}$", states):
                 yield name, (hold[pause.start(1)][0], hold[pause.end(1) - 1][0] + model.time_constant)
                 break
+
+
+def _state(ratio: float, silent: float) -> str:
+    """1 where the vehicle responds, 0 where it does not, "<" where it is turned back, "-" between."""
+    if abs(ratio) < silent:
+        return "0"
+    return "1" if ratio > _ANSWERS else "<" if ratio < 0.0 else "-"
 
 
 def _hold_ratios(run: Run, model: QuickModel, largest: float) -> Iterator[list[tuple[float, float]]]:

@@ -36,6 +36,9 @@ _NEUTRAL = 0.02
 _HAND = 5.0
 # Share of a hand's largest unexplained torque from which a hand is at work.
 _AT_WORK = 0.15
+# Share of the variance of a run's unexplained torque that is proportional to the angle, from which it is a spring's: a
+# hand moves the vehicle for a while alone.
+_SPRING = 0.9
 # Time constants, and periods of the cut-off, of rest that stay next to a test; the rest shows the trim and the
 # disturbances. At an end of a run the rates are unknown for two periods: of less rest, nothing would be known.
 _KEPT, _KEPT_PERIODS = 3.0, 10.0
@@ -132,7 +135,21 @@ def _unexplained(run: Run, model: QuickModel) -> FloatArray:
     known = np.column_stack((run.rates.acceleration, np.abs(rate) * rate, rate)) @ model.values - torque
     valid = run.valid
     centred = np.where(valid, known - np.median(known[valid]) if valid.any() else 0.0, 0.0)
-    return first_order(centred, model.time_constant, run.rates.kernel.period)
+    unexplained, turned = (
+        first_order(np.where(valid, each, 0.0), model.time_constant, run.rates.kernel.period)
+        for each in (centred, run.rates.position)
+    )
+    return _without_spring(unexplained, turned, valid)
+
+
+def _without_spring(torque: FloatArray, turned: FloatArray, valid: BoolArray) -> FloatArray:
+    """The (m,) torque without a restoring torque by the angle ``turned``, as of a tether, if that explains it."""
+    x, y = (each[valid] - each[valid].mean() if valid.any() else each[valid] for each in (turned, torque))
+    product, power = float(x @ y), float(x @ x) * float(y @ y)
+    if product >= 0.0 or not product**2 > _SPRING * power:
+        return torque
+    spring = product / float(x @ x) * (turned - turned[valid].mean()) + torque[valid].mean()
+    return np.where(valid, torque - spring, 0.0)
 
 
 def log_starts(runs: Sequence[Run]) -> dict[str, float]:

@@ -90,3 +90,25 @@ def test_usual_rest_and_coast_downs_stay(vehicle: str, seed: int, disturbance: f
     kept, faults = examined(runs)
     assert not faults
     assert kept == runs
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_tether_that_untwists_is_no_hand(vehicle: str) -> None:
+    model, _ = VEHICLES[vehicle]
+    full, tau = constants(vehicle)
+    interval = max(tau / 20.0, 0.05)
+    time = clock(40.0 * tau, 1.0 / interval)
+    torque = np.where((time > 3.0 * tau) & (time < 25.0 * tau), full, 0.0)
+    rate, angle, spring = 0.0, 0.0, np.zeros(len(time))
+    stiffness = 0.7 * full / (15.0 * tau * np.sqrt(full / model.quadratic_drag))
+    for k in range(len(time)):
+        spring[k] = -stiffness * angle
+        for _ in range(10):
+            drag = (model.quadratic_drag * abs(rate) + model.linear_drag) * rate
+            rate += 0.1 * interval * (torque[k] - stiffness * angle - drag) / model.inertia
+            angle += 0.1 * interval * rate
+    assert rate < 0.0  # It turns back without a command.
+    noise = np.random.default_rng(7).normal(0.0, 1e-3, len(time))
+    one = run(time, torque, model, cutoff=min(2.0 / tau, 0.19 / interval), disturbance=spring, noise=noise)
+    one = replace(one, trial=replace(one.trial, name="long.csv", campaign_time=20_000.0))
+    assert not examined([*day(vehicle, 1), one])[1]

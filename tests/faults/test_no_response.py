@@ -53,9 +53,11 @@ def test_a_log_whose_thrusters_stop_pushing_is_named_with_the_instant(vehicle: s
     assert "[[leave_out]]" in fault.text
 
 
+@pytest.mark.parametrize("until", [0.5, 0.7])
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_a_supply_interrupted_in_a_hold_is_named_with_its_stretch(vehicle: str) -> None:
-    runs = day(vehicle, 2, off="hold_1.csv", off_from=0.35, off_until=0.5)
+def test_a_supply_interrupted_in_a_hold_is_named_with_its_stretch(vehicle: str, until: float) -> None:
+    """The supply returns during the hold, which ends at 0.625, or does not."""
+    runs = day(vehicle, 2, off="hold_1.csv", off_from=0.35, off_until=until)
     _, (fault,) = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
     end = next(run.trial.time[-1] for run in runs if run.trial.name == "hold_1.csv")
     assert fault.logs == ("hold_1.csv",)
