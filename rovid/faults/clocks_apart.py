@@ -5,8 +5,9 @@ delay is listed, and stays a rival of every delay or lag.
 
 The delay of the motion after the commands has either sign. The torque, shifted in time, is fitted by acceleration, drag
 and trim. The shift with the smallest residual is the delay. Its standard error is a jackknife over blocks, because the
-residuals are autocorrelated. In a sine run a torque of the heading, as of wind, looks like a negative delay: motion
-comes before its commands only if it does so with such a torque in the regression, too.
+residuals are autocorrelated. In a sine run a torque of the heading, as of wind, looks like a negative delay, and water
+that follows the hull lets the motion begin faster than it goes on. Motion comes before its commands only if it does so
+with a torque of the heading and of the past rate in the regression, too.
 
 The delay of a heading after a logged rate follows from the same regression, of the heading's derivative on that rate. A
 navigation filter delays its heading; a fit would take that for a delay of the commands or a lag of the thrusters.
@@ -22,7 +23,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
-from rovid.faults.quick_model import log_name
+from rovid.faults.quick_model import first_order, log_name
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
 from rovid.trial.rates import integral
@@ -34,6 +35,8 @@ _STEP, _LONGEST, _SHARE, _MOST, _MAX_SAMPLES = 0.1, 8.0, 0.04, 0.2, 20_000
 # Length of a jackknife block in periods of the cut-off; the least number of blocks in which the torque varies, and its
 # least share of the mean square. The steps of one block alone have no error.
 _BLOCK, _MIN_BLOCKS, _VARIES = 8.0, 5, 1e-3
+# Time constants of the water's memory in periods of the cut-off; sums of such responses approximate others.
+_MEMORIES = (2.0, 8.0)
 # A log has a delay of its own if that reduces its residual below this share.
 _OWN_DELAY = 0.5
 
@@ -74,22 +77,20 @@ def response_delay(
     values: FloatArray | None = None,
     within: tuple[float, float] = (0.0, 1.0),
     *,
-    of_heading: bool = False,
+    further: bool = False,
     of_sensor: bool = False,
 ) -> ResponseDelay | None:
     """The delay; None where the logs do not determine one within the range of the shifts.
 
     ``within``: shares of the length of each run, between which the delay is fitted. ``values``: (p,) parameters of the
     regression if they are known; only the last one, the trim, is fitted then. One sine alone determines no delay
-    without them. ``of_heading``: whether a torque of the angle is part of it. ``of_sensor``: the delay of the logged
-    rate after the position instead.
+    without them. ``further``: whether a torque of the angle and of the water's memory is part of it. ``of_sensor``: the
+    delay of the logged rate after the position instead.
     """
     period = runs[0].rates.kernel.period
     step, reach = shift_grid(runs)
     stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
-    blocks = [
-        block for run in runs for block in _blocks(run, reach, step, stride, period, within, of_heading, of_sensor)
-    ]
+    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period, within, further, of_sensor)]
     if len(blocks) < _MIN_BLOCKS:
         return None
     xx, xt, tt, variation = (np.array(each) for each in zip(*blocks, strict=True))
@@ -156,7 +157,7 @@ def _blocks(
     stride: int,
     period: float,
     within: tuple[float, float] = (0.0, 1.0),
-    of_heading: bool = False,
+    further: bool = False,
     of_sensor: bool = False,
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, float]]:
     """(p, p), (p, m) and (m,) moments of regressors and of the torque at each of m shifts; its variation."""
@@ -174,8 +175,11 @@ def _blocks(
     columns = [rate] if of_sensor else [rates.acceleration[inside], np.abs(rate) * rate, rate]
     if run.trial.axis.self_righting and not of_sensor:
         columns += [np.sin(position), np.cos(position)]
-    elif of_heading and not of_sensor and run.trial.axis.angular:
-        columns += [function(k * position) for k in (1.0, 2.0) for function in (np.sin, np.cos)]
+    elif further and not of_sensor:
+        if run.trial.axis.angular:
+            columns += [function(k * position) for k in (1.0, 2.0) for function in (np.sin, np.cos)]
+        past = np.nan_to_num(rates.rate)
+        columns += [first_order(past, memory / rates.kernel.cutoff, period)[inside] for memory in _MEMORIES]
     x = np.column_stack((*columns, np.ones(len(inside))))
     length = max(int(_BLOCK / (rates.kernel.cutoff * period * stride)), 10)
     for first in range(0, len(inside), length):
@@ -230,8 +234,8 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     found = response_delay(data.runs) if data.runs else None
     if found is None:
         return
-    with_heading = cache(partial(response_delay, data.runs, of_heading=True))  # Only for logs that seem to be early.
-    if _is_early(found, data.runs) and _is_early(with_heading(), data.runs):
+    with_further = cache(partial(response_delay, data.runs, further=True))  # Only for logs that seem to be early.
+    if _is_early(found, data.runs) and _is_early(with_further(), data.runs):
         yield Detection(fault=_early_motion(tuple(parts), found))
         return
     for name, runs in parts.items():
@@ -239,8 +243,8 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         known, own = response_delay(runs, found.values), response_delay(runs)
         if own is None or not (_is_early(known, runs) and _is_early(own, runs)):
             continue
-        common = with_heading()
-        if common is None or _is_early(response_delay(runs, common.values, of_heading=True), runs):
+        common = with_further()
+        if common is None or _is_early(response_delay(runs, common.values, further=True), runs):
             yield Detection(fault=_early_motion((name,), own))
     if joined and _is_offset(found.delay, found, data.runs):
         yield Detection(fault=_late_motion(tuple(parts), found))

@@ -11,6 +11,7 @@ import pytest
 
 from rovid.faults.base import RunsData, examine
 from rovid.faults.clocks_apart import DETECTORS, response_delay
+from rovid.faults.quick_model import first_order
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
@@ -26,6 +27,20 @@ def shifted(run: Run, samples: int) -> Run:
     """``run`` with its commands ``samples`` later."""
     torque = np.roll(run.torque, samples)
     return replace(run, torque=torque, filtered_torque=run.rates.filter_held(run.trial, torque))
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_water_that_follows_the_hull_is_no_early_motion(vehicle: str) -> None:
+    """An added mass that comes with a time constant lets the motion begin faster than it goes on."""
+    runs = list[Run]()
+    for one in day(vehicle, 1, disturbance=0.005):
+        rates, period = one.rates, one.rates.kernel.period
+        memory = 6.0 / rates.kernel.cutoff
+        rate = np.nan_to_num(rates.rate)
+        water = 1.5 * VEHICLES[vehicle][0].inertia / memory * (rate - first_order(rate, memory, period))
+        torque = one.torque + np.interp(one.trial.time, rates.time, water)
+        runs.append(replace(one, torque=torque, filtered_torque=rates.filter_held(one.trial, torque)))
+    assert not faults(runs)
 
 
 @pytest.mark.parametrize("seed", range(5))
