@@ -23,6 +23,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
+from rovid.faults.clock_drift import BLOCK, MEMORIES, clock_drift
 from rovid.faults.quick_model import first_order, log_name
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
@@ -32,11 +33,9 @@ from rovid.trial.trial import Trial
 # Step and range of the shifts in periods of the cut-off, range as a share of the longest run, at least and at most;
 # maximum number of samples in the regressions. The longer range counts: clocks are set apart whatever the vehicle.
 _STEP, _LONGEST, _SHARE, _MOST, _MAX_SAMPLES = 0.1, 8.0, 0.04, 0.2, 20_000
-# Length of a jackknife block in periods of the cut-off; the least number of blocks in which the torque varies, and its
-# least share of the mean square. The steps of one block alone have no error.
-_BLOCK, _MIN_BLOCKS, _VARIES = 8.0, 5, 1e-3
-# Time constants of the water's memory in periods of the cut-off; sums of such responses approximate others.
-_MEMORIES = (2.0, 8.0)
+# The least number of jackknife blocks in which the torque varies, and its least share of the mean square. The steps of
+# one block alone have no error.
+_MIN_BLOCKS, _VARIES = 5, 1e-3
 # A log has a delay of its own if that reduces its residual below this share.
 _OWN_DELAY = 0.5
 
@@ -46,9 +45,6 @@ Moments = tuple[FloatArray, FloatArray, FloatArray]
 # mean square residual that it explains. Feedback and waves move the delay of undamaged logs by one sampling
 # interval and explain 8 % at most (60 campaigns).
 _MIN_OFFSET, _INTERVALS, _SIGNIFICANT, _EXPLAINED = 0.04, 2.0, 5.0, 0.2
-# Standard errors of a drift: the drift itself enlarges the errors in each half. The largest of 96 days on one clock,
-# with disturbances, delays and a weak direction, is 1.8, and 0.4 of the least offset.
-_DRIFTS = 3.0
 # Probability that a delay of joined files is an offset of their clocks: the logs do not show which.
 _RIVAL = 0.5
 
@@ -73,24 +69,18 @@ def shift_grid(runs: Sequence[Run]) -> tuple[int, int]:
 
 
 def response_delay(
-    runs: Sequence[Run],
-    values: FloatArray | None = None,
-    within: tuple[float, float] = (0.0, 1.0),
-    *,
-    further: bool = False,
-    of_sensor: bool = False,
+    runs: Sequence[Run], values: FloatArray | None = None, *, further: bool = False, of_sensor: bool = False
 ) -> ResponseDelay | None:
     """The delay; None where the logs do not determine one within the range of the shifts.
 
-    ``within``: shares of the length of each run, between which the delay is fitted. ``values``: (p,) parameters of the
-    regression if they are known; only the last one, the trim, is fitted then. One sine alone determines no delay
-    without them. ``further``: whether a torque of the angle and of the water's memory is part of it. ``of_sensor``: the
-    delay of the logged rate after the position instead.
+    ``values``: (p,) parameters of the regression if they are known; only the last one, the trim, is fitted then. One
+    sine alone determines no delay without them. ``further``: whether a torque of the angle and of the water's memory
+    is part of it. ``of_sensor``: the delay of the logged rate after the position instead.
     """
     period = runs[0].rates.kernel.period
     step, reach = shift_grid(runs)
     stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
-    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period, within, further, of_sensor)]
+    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period, further, of_sensor)]
     if len(blocks) < _MIN_BLOCKS:
         return None
     xx, xt, tt, variation = (np.array(each) for each in zip(*blocks, strict=True))
@@ -151,14 +141,7 @@ def coarse_delays(runs: Sequence[Run]) -> dict[str, float]:
 
 
 def _blocks(
-    run: Run,
-    reach: int,
-    step: int,
-    stride: int,
-    period: float,
-    within: tuple[float, float] = (0.0, 1.0),
-    further: bool = False,
-    of_sensor: bool = False,
+    run: Run, reach: int, step: int, stride: int, period: float, further: bool = False, of_sensor: bool = False
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, float]]:
     """(p, p), (p, m) and (m,) moments of regressors and of the torque at each of m shifts; its variation."""
     rates = run.rates
@@ -168,8 +151,6 @@ def _blocks(
         return
     windows = np.lib.stride_tricks.sliding_window_view(torque, 2 * reach + 1)[::stride, ::step]
     inside = np.arange(reach, count - reach)[::stride]
-    first, last = (int(share * len(inside)) for share in within)
-    windows, inside = windows[first:last], inside[first:last]
     known = rates.valid[inside] & np.isfinite(windows).all(axis=1)
     rate, position = rates.rate[inside], rates.position[inside]
     columns = [rate] if of_sensor else [rates.acceleration[inside], np.abs(rate) * rate, rate]
@@ -179,9 +160,9 @@ def _blocks(
         if run.trial.axis.angular:
             columns += [function(k * position) for k in (1.0, 2.0) for function in (np.sin, np.cos)]
         past = np.nan_to_num(rates.rate)
-        columns += [first_order(past, memory / rates.kernel.cutoff, period)[inside] for memory in _MEMORIES]
+        columns += [first_order(past, memory / rates.kernel.cutoff, period)[inside] for memory in MEMORIES]
     x = np.column_stack((*columns, np.ones(len(inside))))
-    length = max(int(_BLOCK / (rates.kernel.cutoff * period * stride)), 10)
+    length = max(int(BLOCK / (rates.kernel.cutoff * period * stride)), 10)
     for first in range(0, len(inside), length):
         rows = np.flatnonzero(known[first : first + length]) + first
         if len(rows):
@@ -251,28 +232,21 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
 
 
 def _drift(runs: Sequence[Run]) -> Fault | None:
-    """A clock that runs fast or slow: the delay in the second half of the joined logs is not that in the first half."""
-    early, late = (response_delay(runs, within=half) for half in ((0.0, 0.5), (0.5, 1.0)))
-    if early is None or late is None:
+    """A clock that runs fast or slow: in joined logs, the delay of the motion grows from begin to end."""
+    found, longest = clock_drift(runs), max(run.trial.duration for run in runs)
+    if found is None or abs(found.drift) < max(_least_offset(runs) / longest, _SIGNIFICANT * found.error):
         return None
-    change, error = late.delay - early.delay, math.hypot(late.error, early.error)
-    explained = max(late.improvement, early.improvement)
-    if abs(change) < max(_shortest(runs), _DRIFTS * error) or explained < _EXPLAINED:
+    if found.explained < _EXPLAINED:
         return None
-    # The shifts take their range from both ends.
-    margin = 2.0 * shift_grid(runs)[1] * runs[0].rates.kernel.period
-    apart = 0.5 * float(np.mean([run.trial.duration - margin for run in runs if run.trial.duration > margin]))
-    size, size_error = 1e6 * change / apart, 1e6 * error / apart
+    size, error = 1e6 * found.drift, 1e6 * found.error
     logs = tuple(dict.fromkeys(log_name(run) for run in runs))
     text = (
-        f"{named(logs)}: the clocks of commands and motion drift apart by {plus_minus(size, size_error)} ppm. The "
-        f"motion comes {plus_minus(early.delay, early.error)} s after the commands in the first half of the logs and "
-        f"{plus_minus(late.delay, late.error)} s in the second. Record with one clock, or add {size:.0f} to the drift "
-        "of the file of the commands under [join] in rovid.toml."
+        f"{named(logs)}: the clocks of commands and motion drift apart by {plus_minus(size, error)} ppm. In the "
+        f"longest log ({longest:.0f} s) the delay of the motion after the commands changes by "
+        f"{plus_minus(longest * found.drift, longest * found.error)} s. Record with one clock, or add {size:.0f} to "
+        "the drift of the file of the commands under [join] in rovid.toml."
     )
-    return Fault(
-        fault="clocks_apart", logs=logs, text=text, size=size, standard_error=size_error, unit="ppm", stops=True
-    )
+    return Fault(fault="clocks_apart", logs=logs, text=text, size=size, standard_error=error, unit="ppm", stops=True)
 
 
 def _early_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
@@ -342,12 +316,17 @@ def _is_offset(offset: float, found: ResponseDelay, runs: Sequence[Run]) -> bool
     return offset > max(_shortest(runs), _SIGNIFICANT * found.error) and found.improvement > _EXPLAINED
 
 
+def _least_offset(runs: Sequence[Run]) -> float:
+    """Smallest offset in s that changes a fit."""
+    return _MIN_OFFSET / runs[0].rates.kernel.cutoff
+
+
 def _shortest(runs: Sequence[Run]) -> float:
     """Smallest offset in s: a share of a period of the cut-off, and intervals of the motion.
 
     In joined logs also an interval of the commands, by which a change may be earlier.
     """
-    interval, least = float(max(run.trial.sampling_interval for run in runs)), _MIN_OFFSET / runs[0].rates.kernel.cutoff
+    interval, least = float(max(run.trial.sampling_interval for run in runs)), _least_offset(runs)
     if not all(run.trial.companion_files for run in runs):
         return max(least, _INTERVALS * interval)
     changes = [run.trial.time[1:][(np.diff(run.trial.commands, axis=0) != 0.0).any(axis=1)] for run in runs]

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from rovid.faults.base import RunsData, examine
+from rovid.faults.clock_drift import clock_drift
 from rovid.faults.clocks_apart import DETECTORS, response_delay
 from rovid.faults.quick_model import first_order
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
-from tests.faults.days import VEHICLES, day
-from tests.synthetic import LOGGED
+from tests.faults.days import VEHICLES, day, programme
+from tests.synthetic import LOGGED, gauss_markov
 
 
 def faults(runs: Sequence[Run]) -> tuple[Fault, ...]:
@@ -79,7 +80,7 @@ def joined(run: Run) -> Run:
     return replace(run, trial=replace(run.trial, companion_files=(Path("thrusters.csv"),)))
 
 
-@pytest.mark.parametrize("ppm", [17_000.0, -17_000.0])
+@pytest.mark.parametrize("ppm", [17_000.0, -17_000.0, 4_000.0])
 def test_a_drift_between_joined_files_stops(ppm: float) -> None:
     runs = []
     for run in map(joined, day("large", 3)):
@@ -92,6 +93,26 @@ def test_a_drift_between_joined_files_stops(ppm: float) -> None:
     assert fault.size is not None
     assert fault.standard_error is not None
     assert abs(fault.size + ppm) < 4.0 * fault.standard_error
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("cause", ["lag", "sag"])
+def test_a_hidden_cause_of_joined_files_is_no_drift(cause: str, seed: int) -> None:
+    """A lag that is longer where the torque falls, or thrust that sags by a third within each log."""
+    rng, (model, full) = np.random.default_rng(seed), VEHICLES["small"]
+    runs = []
+    for interval, planned in programme(0.4, rng).values():
+        time, thrust, lagged = interval * np.arange(float(len(planned))), np.zeros(len(planned)), 0.0
+        for row, aim in enumerate(planned):
+            lagged += (aim - lagged) * interval / (0.1 if abs(aim) > abs(lagged) else 0.3)
+            thrust[row] = lagged if cause == "lag" else aim * (1.0 - row / 3.0 / len(planned))
+        noise = rng.normal(0.0, np.deg2rad(0.05), len(time))
+        disturbance = gauss_markov(len(time), interval, 0.05 * full, 0.8, rng)
+        one = synthetic.run(time, full * thrust, model, cutoff=3.8, disturbance=disturbance, noise=noise)
+        one = replace(one, trial=replace(one.trial, commands=full * planned[:, None]))
+        runs.append(joined(replace(one, filtered_torque=one.rates.filter_held(one.trial, full * planned))))
+    assert all(fault.unit != "ppm" for fault in faults(runs))
+    assert clock_drift(runs) is not None
 
 
 def test_a_delay_of_joined_files_is_a_rival() -> None:
