@@ -134,17 +134,18 @@ def _unexplained(run: Run, model: QuickModel) -> FloatArray:
     rate, torque = run.rates.rate, run.filtered_torque
     known = np.column_stack((run.rates.acceleration, np.abs(rate) * rate, rate)) @ model.values - torque
     valid = run.valid
-    centred = np.where(valid, known - np.median(known[valid]) if valid.any() else 0.0, 0.0)
+    if not valid.any():
+        return np.zeros(len(valid))
+    centred = known - np.median(known[valid]), run.rates.position - np.mean(run.rates.position[valid])
     unexplained, turned = (
-        first_order(np.where(valid, each, 0.0), model.time_constant, run.rates.kernel.period)
-        for each in (centred, run.rates.position)
+        first_order(np.where(valid, each, 0.0), model.time_constant, run.rates.kernel.period) for each in centred
     )
     return _without_spring(unexplained, turned, valid)
 
 
 def _without_spring(torque: FloatArray, turned: FloatArray, valid: BoolArray) -> FloatArray:
     """The (m,) torque without a restoring torque by the angle ``turned``, as of a tether, if that explains it."""
-    x, y = (each[valid] - each[valid].mean() if valid.any() else each[valid] for each in (turned, torque))
+    x, y = (each[valid] - each[valid].mean() for each in (turned, torque))
     product, power = float(x @ y), float(x @ x) * float(y @ y)
     if product >= 0.0 or not product**2 > _SPRING * power:
         return torque
