@@ -1,6 +1,6 @@
 """Errors by torques that a model lacks; docs/method.md, (15a)."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple, Self
@@ -12,12 +12,15 @@ from rovid.core.formatting import significant
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
 from rovid.effects.base import OnTorque, Values
-from rovid.effects.catalogue import every_form
+from rovid.effects.catalogue import forms_for
+from rovid.effects.thruster_imbalance import EFFECT as IMBALANCE
+from rovid.effects.thruster_imbalance import thruster_of
 from rovid.estimate.dataset import FitData
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fisher_information import NormalEquations
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.objective import NegativeLogLikelihood
+from rovid.trial.vehicle import Vehicle
 
 # Kinds of torque that any vehicle may have: of motion along another axis that follows the turn (memory of the rate), of
 # drive, drag, water and cable. Those with thresholds are left out, because the likelihood has steps along them.
@@ -87,10 +90,12 @@ def include_missing_torque(estimate: Estimate, fitted: FitResult) -> Estimate:
     if not reach:
         return wider
     other = "sway" if estimate.axis.name == "yaw" else "motion along another axis"
+    example = f"{other} that follows the motion is not modelled"
+    if max(_hypotheses(fitted), key=lambda one: one.gain).kinds == {IMBALANCE.id}:
+        example = "one thruster gives less thrust than its curve"
     warning = (
         "The model lacks a torque: the errors of its predictions depend on the motion or on the commands. For instance "
-        f"{other} that follows the motion is not modelled. This may change {', '.join(reach)}. The standard errors "
-        "include it."
+        f"{example}. This may change {', '.join(reach)}. The standard errors include it."
     )
     return replace(wider, warnings=(*wider.warnings, warning))
 
@@ -101,11 +106,19 @@ def missing_torque_covariance(fitted: FitResult) -> FloatArray:
     The torques of all kinds are random, with one common variance in units of the change that they make of all
     predictions. It is that with the largest marginal likelihood of the scores. The covariance is the mean square of
     what the torques, given their scores, change. If the scores do not show torques of all kinds, they may show those of
-    one kind alone: the covariance is then that of the likeliest one.
+    one kind alone: the covariance is then that of the likeliest one. Other laws of the model's own effects replace the
+    torques of all kinds where the laws are likelier. The gains of the thrusters add their covariance, with their share
+    of the likelihood: all runs that drive the thrusters alike agree on wrong parameters.
     """
     first, *alone = _hypotheses(fitted)
-    likeliest = first if first.gain > 0.0 else max(alone, key=lambda one: one.gain, default=first)
-    return likeliest.covariance if likeliest.gain > 0.0 else np.zeros((len(fitted.x), len(fitted.x)))
+    own = {effect.id for effect in fitted.effects} if fitted.is_white else set()
+    rivals = [one for one in alone if first.gain <= 0.0 or one.kinds <= own]
+    likeliest = max((first, *rivals), key=lambda one: one.gain)
+    covariance = likeliest.covariance if likeliest.gain > 0.0 else np.zeros_like(likeliest.covariance)
+    for one in alone:
+        if one is not likeliest and one.kinds == {IMBALANCE.id} and one.gain > 0.0:
+            covariance = covariance + one.covariance / (1.0 + float(np.exp(max(likeliest.gain, 0.0) - one.gain)))
+    return covariance
 
 
 def lacks_torque(fitted: FitResult) -> bool:
@@ -123,37 +136,39 @@ class _LackingTorques(NamedTuple):
 
     gain: float
     covariance: FloatArray
+    kinds: frozenset[str]
 
     @classmethod
     def of(cls, found: _Scores, least: float) -> Self:
         """The torques with these scores, with their likeliest common variance."""
         power, axes = np.linalg.eigh(found.information)
-        kept = power > _LEAST_SHARE * power.max(initial=0.0)
-        power, axes = power[kept], axes[:, kept]
-        score = axes.T @ found.score
-        variances = _VARIANCES[:, np.newaxis] * power**2 + power
+        known = power > _LEAST_SHARE * power.max(initial=0.0)
+        score = (axes.T @ found.score)[known]
+        variances = _VARIANCES[:, np.newaxis] * power[known] ** 2 + power[known]
         likelihoods = -0.5 * np.sum(np.log(variances) + score**2 / variances, axis=1)
-        complete = -0.5 * float(np.sum(np.log(power) + score**2 / power))
+        complete = -0.5 * float(np.sum(np.log(power[known]) + score**2 / power[known]))
         best = int(np.argmax(likelihoods))
-        spread = 1.0 / (power + 1.0 / _VARIANCES[best])
+        # Nothing is known of a combination of torques that the parameters can replace.
+        spread = 1.0 / (np.where(known, power, 0.0) + 1.0 / _VARIANCES[best])
         shift = found.shift @ axes
-        mean = shift @ (spread * score)
-        return cls(float(likelihoods[best]) - complete - least, np.outer(mean, mean) + (shift * spread) @ shift.T)
+        mean = shift[:, known] @ (spread[known] * score)
+        covariance = np.outer(mean, mean) + (shift * spread) @ shift.T
+        return cls(float(likelihoods[best]) - complete - least, covariance, frozenset(found.kinds))
 
 
 def _hypotheses(fitted: FitResult, *, white: bool | None = None) -> Iterator[_LackingTorques]:
-    """Torques of all kinds.
+    """Torques of all kinds but the thrusters' gains, and those gains.
 
     Next to ``white`` innovations also those of each kind alone, and the other laws of the model's effects alone. The
     least gain is then corrected for the number of hypotheses.
     """
     found, white = _scores(fitted), fitted.is_white if white is None else white
-    yield _LackingTorques.of(found, _LEAST_GAIN if white else 0.0)
-    if white:
-        laws = {effect.id for effect in fitted.effects}.intersection(found.kinds)
-        groups = dict.fromkeys(frozenset(group) for group in (*([kind] for kind in found.kinds), laws) if group)
-        for group in groups:
-            yield _LackingTorques.of(found.only(group), _LEAST_GAIN + float(np.log(len(groups))))
+    least, laws = _LEAST_GAIN if white else 0.0, {effect.id for effect in fitted.effects}
+    yield _LackingTorques.of(found.only({*found.kinds} - {IMBALANCE.id}), least)
+    several = [*({kind} for kind in found.kinds), laws.intersection(found.kinds)] if white else [{IMBALANCE.id}]
+    groups = dict.fromkeys(frozenset(group) for group in several if group)
+    for group in groups:
+        yield _LackingTorques.of(found.only(group), least + float(np.log(len(groups))))
 
 
 def _is_rounded(fitted: FitResult) -> bool:
@@ -166,56 +181,44 @@ def _is_rounded(fitted: FitResult) -> bool:
 
 def _kinds(fitted: FitResult) -> list[Effect]:
     """The kinds that the model lacks, and the other laws of its own effects: nature follows none of them exactly."""
-    data, own = fitted.data, {effect.id: effect.key for effect in fitted.effects}
-    drives = data.vehicle is not None and bool(data.vehicle.thrusters)
+    data = fitted.data
+    vehicle = data.vehicle or Vehicle(name="", thrusters=(), axis=data.axis)
     channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
-    kinds = [
-        effect
-        for effect in every_form()
-        if _counts(effect, own)
-        and (not effect.axes or data.axis.name in effect.axes)
-        and (drives or not (effect.changes_torque_input or effect.uses_wash))
-        and set(effect.needs) <= channels
-    ]
+    kinds = [form for form in forms_for(vehicle, channels) if _counts(form, fitted.effects)]
     # By the coupled mass of sway and yaw.
-    acceleration = _acceleration(data) if drives and _SWAY in channels and data.axis.name == "yaw" else None
-    return kinds if acceleration is None else [*kinds, acceleration]
+    has_sway = vehicle.thrusters and _SWAY in channels and data.axis.name == "yaw"
+    return [*kinds, *_acceleration(data)] if has_sway else kinds
 
 
-def _counts(form: Effect, own: Mapping[str, str]) -> bool:
-    """Whether the model may lack the torque of a ``form``: of a kind, or of another smooth law of its ``own`` effects.
-
-    ``own``: Id of each effect of the model -> its key.
-    """
-    if form.id not in own:
-        return form.key in _KINDS
-    if form.key == own[form.id]:
+def _counts(form: Effect, own: Sequence[Effect]) -> bool:
+    """Whether a model may lack the torque of a ``form``: of a kind, or of another smooth law of its ``own`` effects."""
+    if form.key in [effect.key for effect in own]:
         return False
-    is_smooth = not any(parameter.piecewise_constant for parameter in form.parameters)
-    return is_smooth and not (form.oscillatory or form.per_thruster)
+    if form.per_thruster:
+        return form.form == thruster_of(form.form)
+    if form.id not in [effect.id for effect in own]:
+        return form.key in _KINDS
+    return not (form.oscillatory or any(parameter.piecewise_constant for parameter in form.parameters))
 
 
-def _acceleration(data: FitData) -> Effect | None:
-    """A torque that follows the acceleration in sway; None where that is constant."""
+def _acceleration(data: FitData) -> list[Effect]:
+    """A torque that follows the acceleration in sway; none where that is constant."""
     width = 0.5 * data.usual_time
     rates = {run.trial.name: _smooth_derivative(run.trial.time, run.trial.extras[_SWAY], width) for run in data.runs}
     spread = float(np.std(np.concatenate(list(rates.values()))))
     if not spread > 0.0:
-        return None
+        return []
 
     def modified(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
         return torque + values["torque"] / spread * np.nan_to_num(inputs.from_trials(rates))
 
-    words = "torque of the acceleration in sway"
-    return Effect(
-        id="sway_acceleration",
-        title=words,
-        parameters=(_TORQUE,),
-        equation=words,
-        fingerprint=words,
-        experiment=words,
-        acts=OnTorque(modified),
-    )
+    words, acts = "torque of the acceleration in sway", OnTorque(modified)
+    return [
+        Effect(
+            id="sway_acceleration", parameters=(_TORQUE,), acts=acts,
+            title=words, equation=words, fingerprint=words, experiment=words,
+        )
+    ]  # fmt: skip
 
 
 def _smooth_derivative(time: FloatArray, values: FloatArray, width: float) -> FloatArray:
@@ -226,11 +229,8 @@ def _smooth_derivative(time: FloatArray, values: FloatArray, width: float) -> Fl
     instants, known_values = time[known], values[known]
     steps = np.diff(instants)
     total = np.concatenate(([0.0], np.cumsum(0.5 * steps * (known_values[1:] + known_values[:-1]))))
-
-    def integral(at: FloatArray) -> FloatArray:
-        return np.interp(at, instants, total)
-
-    return np.asarray((integral(time + width) - 2.0 * integral(time) + integral(time - width)) / width**2)
+    before, here, after = (np.interp(time + shift, instants, total) for shift in (-width, 0.0, width))
+    return np.asarray((after - 2.0 * here + before) / width**2)
 
 
 @lru_cache(maxsize=2)

@@ -17,6 +17,7 @@ from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.missing_torque import include_missing_torque, missing_torque_covariance
 from rovid.trial.preprocessing import Run
 from rovid.trial.rates import compute_rates
+from rovid.trial.vehicle import Thruster, Vehicle
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
 
@@ -27,6 +28,26 @@ Slope = Callable[[int, FloatArray], FloatArray]
 
 def fitted(runs: list[Run], *effects: Effect) -> FitResult:
     objective = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05, effects)
+    return fit(objective, objective.parametrization.initial())
+
+
+def steered(count: int, alone: int, gain: float) -> FitResult:
+    """Two thrusters driven alike, and for the last ``alone`` readings in turns; the second has this ``gain``."""
+    thrusters = tuple(Thruster(name=name, arm=0.5, curve=synthetic.VOLTS) for name in ("a", "b"))
+    command = np.tile(TORQUE[:count, np.newaxis] / 100.0, (1, 2))
+    turn = np.arange(count) // 250 % 2 == 0
+    command[-alone:] *= np.stack((turn, ~turn), axis=1)[-alone:]
+    torque = 50.0 * command @ np.array([1.0, gain])
+    run = synthetic.run(TIME[:count], torque, noise=NOISE[:count])
+    assumed = 50.0 * command.sum(axis=1)
+    run = replace(
+        run,
+        trial=replace(run.trial, commands=command),
+        torque=assumed,
+        filtered_torque=run.rates.filter_held(run.trial, assumed),
+    )
+    data = InnovationData([run], Vehicle(name="two", thrusters=thrusters), synthetic.ROSUB)
+    objective = InnovationLikelihood(data, 0.05)
     return fit(objective, objective.parametrization.initial())
 
 
@@ -110,6 +131,20 @@ def test_a_complete_model_keeps_its_errors() -> None:
     assert (include_missing_torque(estimate, one).covariance == estimate.covariance).all()
 
 
+@pytest.mark.parametrize("gain", [1.0, 0.7])
+def test_errors_cover_a_weak_thruster_that_is_rarely_alone(gain: float) -> None:
+    one = steered(4000, 1000, gain)
+    estimate = estimate_of(one)
+    wider = include_missing_torque(estimate, one)
+    away = abs(estimate.value("inertia") - synthetic.ROSUB.inertia)
+    assert away < 2.0 * wider.standard_error("inertia")
+    if gain == 1.0:
+        assert (wider.covariance == estimate.covariance).all()
+    else:
+        assert away > 4.0 * estimate.standard_error("inertia")
+        assert any("one thruster gives less thrust than its curve" in text for text in wider.warnings)
+
+
 def test_errors_cover_the_drag_next_to_a_friction_of_another_law() -> None:
     """A friction that falls by half within a short rate: the named law bends, and the drag takes the difference."""
 
@@ -125,6 +160,8 @@ def test_errors_cover_the_drag_next_to_a_friction_of_another_law() -> None:
     assert one.is_white
     assert away > 3.0 * estimate.standard_error("linear_drag")
     assert away < 2.5 * wider.standard_error("linear_drag")
+    # Friction of any law leaves the inertia as it is.
+    assert wider.standard_error("inertia") < 2.0 * estimate.standard_error("inertia")
     # The friction itself is certain.
     size = "coulomb_resistance.torque"
     assert wider.value(size) > 4.0 * wider.standard_error(size)
