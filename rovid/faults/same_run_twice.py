@@ -4,9 +4,10 @@ Counted twice, a run would pass for two independent runs and halve every varianc
 to a fraction of a degree, but each has its own noise; two copies of one recording have the same noise. Criteria: equal
 commands, positions within half a degree throughout, and a difference below the noise.
 
-A second sensor has its own noise and another zero. Both sensors then follow the same disturbances: the difference of
-the positions is noise about a constant, and the torques that the model of all logs leaves unexplained are correlated.
-In two runs the disturbances differ, and the positions drift apart.
+A second sensor has its own noise, another zero and, as a compass, another deviation. Both sensors then follow the same
+disturbances: the positions differ by noise about a constant or about a function of the heading, although disturbances
+moved the vehicle. In two runs the disturbances differ, and the positions drift apart. In calm water two runs of one
+programme may agree as well. Only motion that no command explains shows that a run is one.
 
 Parts of one run that overlap in two recordings are found by their common noise.
 """
@@ -19,7 +20,6 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CampaignData, Detection, Detectors, RunsData
-from rovid.faults.quick_model import QuickModel, fit_quick_model
 from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
@@ -44,9 +44,11 @@ _MAX_SHIFT = 5.0
 _MAX_POINTS, _MIN_POINTS = 5000, 50
 # Commands must agree to this share of their size for this share of the time, which excludes the steps.
 _COMMAND_TOLERANCE, _COMMAND_SHARE = 0.03, 0.9
-# RMS difference of two sensors over their noises, with a margin for noise that is not white; least correlation of the
-# unexplained torques, and the least number of samples: chance reaches 0.2 at 200 samples with a memory of ten.
-_SENSOR_RATIO, _CORRELATED, _MIN_COMMON = 1.5, 0.3, 200
+# RMS difference of two sensors over their noises, with a margin for noise that is not white. Mean square difference of
+# one run's sensors over that of independent motions, which have 1; least number of samples for that.
+_SENSOR_RATIO, _SHARED, _MIN_COMMON = 1.5, 0.5, 200
+# Interval between the past torques that move a run, in periods of the cut-off, and their number.
+_TAP, _TAPS = 1.0, 6
 
 
 class _Recording:
@@ -283,25 +285,24 @@ def _commands_agree(fine: Trial, coarse: Trial, shift: float) -> bool:
 
 def _detect_sensor(data: RunsData) -> Iterator[Detection[RunsData]]:
     """Runs that a second sensor of the same vehicle recorded; the first log stays."""
-    model = None
     kept: list[Run] = []
     for run in data.runs:
         alike = [other for other in kept if _are_alike(other, run)]
         first = next((other for other in alike if _at_once(other, run)), None)
-        if alike and first is None:
-            model = model or fit_quick_model(data.runs, data.vehicle)
-            first = next((other for other in alike if model and _share_disturbance(other, run, model)), None)
+        first = first or next((other for other in alike if _share_disturbance(other, run)), None)
         if first is None:
             kept.append(run)
             continue
         shared = "absolute time" if _at_once(first, run) else "disturbances"
-        offset = float(np.rad2deg(np.median(_position_difference(first, run))) + 180.0) % 360.0 - 180.0
+        constant, deviating = _disagreement(first, run)
+        deviation = ", by a deviation of the compass" if deviating < _SHARED * constant else ""
+        offset = float(np.rad2deg(np.median(_common_positions(first, run)[1])) + 180.0) % 360.0 - 180.0
         fault = Fault(
             fault="same_run_twice",
             logs=(run.trial.name,),
             text=(
                 f"{run.trial.name} is the same run as {first.trial.name} by another sensor: the positions differ by "
-                f"{offset:.3g} deg and noise, and both have the same {shared}."
+                f"{offset:.3g} deg{deviation} and by noise, and both have the same {shared}."
             ),
             size=offset,
             unit="deg",
@@ -314,15 +315,32 @@ def _without_run(data: RunsData, copy: Run) -> RunsData:
     return replace(data, runs=[run for run in data.runs if run is not copy])
 
 
-def _position_difference(one: Run, other: Run) -> FloatArray:
-    """(n,) rad, without NaN, on the common grid."""
+def _common_positions(one: Run, other: Run) -> tuple[FloatArray, FloatArray]:
+    """(n,) position of ``one`` and difference of ``other`` from it in rad, without NaN, on the common grid."""
     count = min(len(one.rates.position), len(other.rates.position))
-    difference = other.rates.position[:count] - one.rates.position[:count]
-    return difference[np.isfinite(difference)]
+    position = one.rates.position[:count]
+    difference = other.rates.position[:count] - position
+    known = np.isfinite(difference)
+    return position[known], difference[known]
+
+
+def _disagreement(one: Run, other: Run) -> tuple[float, float]:
+    """RMS difference of the positions in rad about a constant, and about a deviation of the compasses.
+
+    The constants of the deviation come from the first half. Where the vehicle turned in two runs, the positions drift
+    apart with time, and a function of the heading does not continue this.
+    """
+    position, difference = _common_positions(one, other)
+    if len(position) < _MIN_POINTS:
+        return np.inf, np.inf
+    harmonics = [function(k * position) for k in (1.0, 2.0) for function in (np.sin, np.cos)]
+    x, half = np.column_stack((np.ones(len(position)), *harmonics)), len(position) // 2
+    values = np.linalg.lstsq(x[:half], difference[:half], rcond=1e-6)[0]
+    return float(np.std(difference)), float(np.sqrt(np.mean((difference - x @ values) ** 2)))
 
 
 def _are_alike(one: Run, other: Run) -> bool:
-    """Whether two runs have the same clock and torque, and positions that differ by noise about a constant."""
+    """Whether two runs have the same clock and torque, and positions that differ by noise and by their compasses."""
     period = one.rates.kernel.period
     count = min(len(one.filtered_torque), len(other.filtered_torque))
     long = max(len(one.filtered_torque), len(other.filtered_torque))
@@ -336,12 +354,9 @@ def _are_alike(one: Run, other: Run) -> bool:
         return False
     tolerance = _COMMAND_TOLERANCE * float(np.abs(torques).max())
     same = float(np.mean(np.abs(torques[:, 0] - torques[:, 1]) <= tolerance))
-    difference = _position_difference(one, other)
-    if same < _COMMAND_SHARE or len(difference) < _MIN_POINTS:
-        return False
-    gain = float(np.linalg.norm(one.rates.kernel.value))
-    noise = gain * float(np.hypot(one.rates.position_noise, other.rates.position_noise))
-    return float(np.std(difference)) < _SENSOR_RATIO * noise
+    noise = float(np.linalg.norm([run.rates.position_noise for run in (one, other)]))
+    limit = _SENSOR_RATIO * noise * float(np.linalg.norm(one.rates.kernel.value))
+    return same >= _COMMAND_SHARE and min(_disagreement(one, other)) < limit
 
 
 def _at_once(one: Run, other: Run) -> bool:
@@ -350,18 +365,33 @@ def _at_once(one: Run, other: Run) -> bool:
     return first is not None and second is not None and abs(first - second) < one.rates.kernel.period
 
 
-def _share_disturbance(one: Run, other: Run, model: QuickModel) -> bool:
-    """Whether the torques that the ``model`` leaves unexplained are correlated."""
-    count = min(len(one.filtered_torque), len(other.filtered_torque))
-    rests = np.column_stack([_unexplained(run, model)[:count] for run in (one, other)])
-    rests = rests[np.isfinite(rests).all(axis=1)]
-    return len(rests) >= _MIN_COMMON and float(np.asarray(np.corrcoef(rests.T))[0, 1]) > _CORRELATED
+def _share_disturbance(one: Run, other: Run) -> bool:
+    """Whether the runs differ by less than independent motions of the size that no command explains."""
+    independent = _unexplained_motion(one) ** 2 + _unexplained_motion(other) ** 2
+    return min(_disagreement(one, other)) ** 2 < _SHARED * independent
 
 
-def _unexplained(run: Run, model: QuickModel) -> FloatArray:
-    rate = run.rates.rate
-    known = np.column_stack((run.rates.acceleration, np.abs(rate) * rate, rate)) @ model.values
-    return np.asarray(run.filtered_torque - known)
+def _unexplained_motion(run: Run) -> float:
+    """RMS position in rad that a flexible model of this run leaves unexplained; 0 for a run with gaps.
+
+    Two runs of one programme share the error of any simple model. The motion is therefore fitted by the response to
+    past torque of any shape, different for both directions, by drag and by torques of the angle, all integrated twice.
+    """
+    kernel, count = run.rates.kernel, len(run.filtered_torque)
+    apart, rows = max(round(_TAP / (kernel.cutoff * kernel.period)), 1), np.arange(count)
+    rate, position = run.rates.rate, run.rates.position
+    forces = [np.ones(count), rate, np.abs(rate) * rate, np.sin(position), np.cos(position)]
+    for tap in range(_TAPS):
+        torque = run.filtered_torque[(rows - tap * apart).clip(0)]
+        forces += [torque, np.abs(torque)]
+    known = np.flatnonzero(np.isfinite(np.column_stack((*forces, position))).all(axis=1))
+    if len(known) < _MIN_COMMON or known[-1] - known[0] >= len(known):
+        return 0.0
+    integrated = np.cumsum(np.cumsum(np.column_stack(forces)[known], axis=0), axis=0)
+    x = np.column_stack((integrated, rows[known], np.ones(len(known))))
+    x /= np.linalg.norm(x, axis=0).clip(1e-300)
+    rest = position[known] - x @ np.linalg.lstsq(x, position[known], rcond=1e-10)[0]
+    return float(np.sqrt(np.mean(rest**2)))
 
 
 DETECTORS: Detectors = {"campaign": (_detect,), "runs": (_detect_sensor,)}

@@ -168,7 +168,31 @@ def test_a_programme_run_twice_is_not_one_run(vehicle: str, disturbance: float) 
     assert not examine(DETECTORS["runs"], RunsData(runs=every, vehicle=LOGGED), FaultOverrides())[1]
 
 
-def by_another_sensor(run: Run, seed: int) -> Run:
+def test_a_second_compass_with_a_deviation_counts_once() -> None:
+    runs = day("large", 1, disturbance=0.005)[4:]
+    every = [*runs, *(by_another_sensor(run, 200 + k, deviation=1.5) for k, run in enumerate(runs))]
+    data, faults = examine(DETECTORS["runs"], RunsData(runs=every, vehicle=LOGGED), FaultOverrides())
+    assert [run.trial.name for run in data.runs] == [run.trial.name for run in runs]
+    assert any("deviation of the compass" in fault.text for fault in faults)
+
+
+def test_a_common_error_of_the_model_makes_no_copy() -> None:
+    """A lag of the thrusters in two runs of one programme in calm water, in which the positions agree to the noise."""
+    first, second = (day("small", seed, disturbance=2e-4) for seed in (1, 2))
+    pairs = zip(first, second, strict=True)
+    every = [*first, *(run for one, run in pairs if np.array_equal(one.torque, run.torque))]
+    lagged = [early(run, 3) for run in every]
+    assert not examine(DETECTORS["runs"], RunsData(runs=lagged, vehicle=LOGGED), FaultOverrides())[1]
+
+
+def early(run: Run, samples: int) -> Run:
+    """``run`` with its commands ``samples`` earlier."""
+    torque = np.roll(run.torque, -samples)
+    return replace(run, torque=torque, filtered_torque=run.rates.filter_held(run.trial, torque))
+
+
+def by_another_sensor(run: Run, seed: int, deviation: float = 0.0) -> Run:
     noise = np.random.default_rng(seed).normal(0.0, np.deg2rad(0.05), len(run.trial.time))
-    trial = replace(run.trial, name=f"second_{run.trial.name}", position=run.trial.position + np.deg2rad(7.3) + noise)
+    position = run.trial.position + np.deg2rad(7.3 + deviation * np.sin(run.trial.position)) + noise
+    trial = replace(run.trial, name=f"second_{run.trial.name}", position=position)
     return replace(run, trial=trial, rates=compute_rates(trial, cutoff=run.rates.kernel.cutoff))
