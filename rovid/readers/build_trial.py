@@ -271,7 +271,8 @@ class _Builder:
         raise self.error(
             f"successive {self.measured_words} readings are {interval:.4g} s apart by the assumed unit of {clock}; "
             "an interval between a millisecond and some seconds was expected.",
-            'Set unit = "s", "ms", "us" or "ns" in [signals] time.',
+            'Set unit = "s", "ms", "us" or "ns" in [signals] time. The unit holds for all logs: if others have another '
+            "unit, convert the stamps of this log instead.",
         )
 
     def commands(self, series: Mapping[str, TimedSeries], measured: TimedSeries) -> list[TimedSeries]:

@@ -76,7 +76,7 @@ def test_a_number_that_signals_is_missing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("scale", "words"), [(1e3, "50 s apart"), (1e-3, "5e-05 s apart")])
 def test_time_in_a_wrong_unit_is_refused(scale: float, words: str, tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=f"{words}.*unit = .s.*time"):
+    with pytest.raises(LogError, match=f"{words}.*unit = .s.*time.*convert the stamps of this log"):
         read_csv(tmp_path, csv_text(standard(time_s=TIME * scale), form=".7f"))
 
 
