@@ -13,7 +13,7 @@ Some causes of a diagnosis of yaw are motion along surge and sway, which the cou
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -26,6 +26,7 @@ from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.objectives import preload
 from rovid.diagnose.result import Diagnosis, Finding, delays_of_the_sensor, is_delay
+from rovid.diagnose.returned_logs import with_returned_logs
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.base import INSTANT
@@ -199,7 +200,22 @@ def diagnose_logs(
 
 
 def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget) -> Diagnosis:
-    diagnosis = diagnose_majority(prepared, vehicle, report, budget)
+    def majority(runs: PreparedRuns) -> Diagnosis:
+        return diagnose_majority(runs, vehicle, report, budget)
+
+    prepared, diagnosis, returned = with_returned_logs(prepared, vehicle, majority, report, budget)
+    diagnosis = _by_one_clock(prepared, diagnosis, vehicle, majority, report)
+    return replace(diagnosis, faults=(*returned, *diagnosis.faults))
+
+
+def _by_one_clock(
+    prepared: PreparedRuns,
+    diagnosis: Diagnosis,
+    vehicle: Vehicle,
+    majority: Callable[[PreparedRuns], Diagnosis],
+    report: ProgressCallback,
+) -> Diagnosis:
+    """The ``diagnosis`` without a clock offset, repeated by the ``majority`` of logs with corrected clocks."""
     offset = _clock_offset(diagnosis.findings)
     if prepared.clocks_agree:
         return diagnosis
@@ -216,8 +232,7 @@ def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback
         Campaign(trials=trials, sources=()), vehicle, cutoff=min(prepared.cutoff, highest_cutoff(trials))
     )
     report("Repeating the diagnosis with the clocks corrected …")
-    diagnosis = diagnose_majority(corrected, vehicle, report, budget)
-    return _without_offset(diagnosis, prepared.items, offset, f"The commands were moved by it.{left_out}")
+    return _without_offset(majority(corrected), prepared.items, offset, f"The commands were moved by it.{left_out}")
 
 
 def _clock_offset(findings: Sequence[Finding]) -> Finding | None:

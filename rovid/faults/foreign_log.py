@@ -45,6 +45,12 @@ _GUESSED = "Or the guessed thrust curve is wrong at its thrust. The log was kept
 _LESS = 0.5
 # A drive that the other logs do not contradict.
 _DRIVEN = "Or {} acts in all logs: the others agree with that as well. The log was kept."
+# Standard error as a share of the deviation, from which its size is unknown: a third leaves one digit. Decision.
+_UNSIZED = 1.0 / 3.0
+# Probability of a deviation, or of residuals, with which a log that was foreign does not return. Convention.
+_UNUSUAL = 0.05
+# Deviation of the inertia, or of the drag, that a log which returns excludes by two standard errors. Decision.
+_EXCLUDED = 0.5
 # Largest relative standard error of a log that takes part in groups.
 _MAX_ERROR = 0.05
 # Quantity of a step that another scale of all thrust explains as well.
@@ -119,28 +125,63 @@ def _is_foreign(log: LogMoments, count: int) -> bool:
 def _belongs(log: LogMoments, model: QuickModel) -> bool:
     """Whether a foreign log deviates by far less from another ``model`` of all logs, and not significantly."""
     own = next(each for each in model.logs if each.name == log.name)
-    smaller = np.abs(own.deviation).max() < _LESS * np.abs(log.deviation).max()
-    return bool(smaller) and not _is_foreign(own, len(model.logs))
+    return _is_less(own, log) and not _is_foreign(own, len(model.logs))
+
+
+def _is_less(own: LogMoments, before: LogMoments) -> bool:
+    return bool(np.abs(own.deviation).max() < _LESS * np.abs(before.deviation).max())
+
+
+def belonging(log: str, plain: Sequence[Run], acting: Sequence[Run], vehicle: Vehicle) -> bool:
+    """Whether a ``log`` that is foreign by the ``plain`` torques belongs to the others by the ``acting`` torques.
+
+    Its deviation and the variance of its unexplained torque are at most half as large, and usual for a log of the same
+    vehicle. The usual unexplained torque is in Student's prediction interval of one further log, with logarithms as
+    normal deviates. A log that determines neither its inertia nor its drag does not belong.
+    """
+    from scipy.special import stdtrit
+
+    before, after = (fit_quick_model(runs, vehicle) for runs in (plain, acting))
+    old, new = ({each.name: each for each in model.logs} if model else {} for model in (before, after))
+    if log not in old or log not in new or len(new) < _MIN_LOGS:
+        return False
+    first, own = old.pop(log), new.pop(log)
+    plainly, others = (np.array([each.log_residual for each in logs.values()]) for logs in (old, new))
+    if np.mean(others) > np.mean(plainly):
+        return False  # The causes do not act in the other logs.
+    reach = stdtrit(len(others) - 1, 1.0 - _UNUSUAL) * np.std(others, ddof=1) * np.sqrt(1.0 + 1.0 / len(others))
+    is_less = own.log_residual < first.log_residual + 0.5 * np.log(_LESS) and _is_less(own, first)
+    is_same = own.chance > _UNUSUAL and np.min(np.abs(own.deviation) + 2.0 * own.standard_errors) < _EXCLUDED
+    return bool(is_less and is_same and own.log_residual < np.mean(others) + reach)
 
 
 def _foreign(log: LogMoments, count: int, vehicle: Vehicle) -> Detection[RunsData]:
     at = int(np.argmax(np.abs(log.deviation) / log.standard_errors))
     factor, error = 1.0 + float(log.deviation[at]), float(log.standard_errors[at])
+    what, is_opposite = ("inertia", "drag")[at], factor + _CERTAIN * error < 0.0
+    # A size that no vehicle has, or an uncertain one, is no size of another vehicle.
+    is_sized = is_opposite or (factor > 0.0 and error < _UNSIZED * abs(factor - 1.0))
     is_radians = at == 0 and error < _PRECISE * factor and abs(factor - _RADIAN) < _CERTAIN * error
     text = (
         f"{log.name} does not belong to the other logs: their model leaves {100.0 * log.misfit:.0f} % of its torque "
-        f"unexplained, and its {('inertia', 'drag')[at]} is {plus_minus(factor, error)} times theirs."
-        + (_OPPOSITE if factor + _CERTAIN * error < 0.0 else "")
+        f"unexplained, and "
+        + (
+            f"its {what} is {plus_minus(factor, error)} times theirs."
+            if is_sized
+            else f"its own {what} is not determined."
+        )
+        + (_OPPOSITE if is_opposite else "")
         + (_IN_RADIANS if is_radians else "")
     )
     fault = Fault(
         fault="foreign_log",
         logs=(log.name,),
         text=text,
-        size=factor,
-        standard_error=error,
+        size=factor if is_sized else None,
+        standard_error=error if is_sized else None,
         confidence=1.0 - min(0.05, count * log.chance),
         remedy="set_aside",
+        may_be_explained=not (is_opposite or is_radians),
     )
     if vehicle.assumptions.includes_curve and factor > 0.0 and not is_radians:
         # At another thrust, an error of the guessed curve changes inertia and drag by a factor.
@@ -150,7 +191,7 @@ def _foreign(log: LogMoments, count: int, vehicle: Vehicle) -> Detection[RunsDat
 
 def _doubtful(detection: Detection[RunsData], done: str) -> Detection[RunsData]:
     """The same fault without a remedy, where something else explains the deviation as well."""
-    return Detection(fault=replace(detection.fault, remedy="none", confidence=_EVEN), done=done)
+    return Detection(fault=replace(detection.fault, remedy="none", confidence=_EVEN, may_be_explained=False), done=done)
 
 
 def _misassigned(misfit: Misfit) -> Detection[RunsData]:

@@ -71,6 +71,11 @@ class LogMoments:
     distance: float = 0.0  #: Squared distance from the other logs with their scatter.
     chance: float = 1.0  #: Probability that a log of the same vehicle is as far from the others.
 
+    @property
+    def log_residual(self) -> float:
+        """Logarithm of the RMS residual of the common model."""
+        return float(np.log(self.misfit) + self.features[0])
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class QuickModel:

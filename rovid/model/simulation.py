@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -51,6 +52,14 @@ def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[T
 def simulated_rate(run: Run, model: Model, torque_input: TorqueInput) -> FloatArray:
     """(m,) free-running rate, through the same filter as the measured one."""
     return run.rates.smooth_samples(run.trial, *model.simulate_rates([run.trial], torque_input))
+
+
+def acting_torque(run: Run, model: Model, vehicle: Vehicle) -> FloatArray:
+    """(m,) torque in N m of the thrusters and of all terms of effects, along the measured motion, filtered as it is."""
+    held = model.torque_input(vehicle, run.trial).mapped(partial(run.rates.filter_held, run.trial))
+    equation, rates = model.equation_for(run.trial), run.rates
+    motion = (rates.rate, rates.position - equation.start, held.torque)
+    return held.torque + evaluate_along(equation, rates.kernel.period, motion, held.effect_inputs)[0]
 
 
 def pooled_fit(simulations: Sequence[TrialSimulation]) -> FitMeasures:

@@ -28,6 +28,7 @@ from rovid.estimate.output_error import Regression
 from rovid.estimate.steady_drag import DragFit, fit_drag
 from rovid.estimate.steady_points import points_from_table, steady_points
 from rovid.faults.catalogue import examine_runs
+from rovid.faults.quick_model import log_name
 from rovid.faults.thrust_unit import inertia_fault
 from rovid.readers import read_campaign
 from rovid.readers.campaign import TrialReader, candidate_files
@@ -347,11 +348,15 @@ def study_of(campaign: Campaign, config: Config, *, cutoff: float | None = None,
     if not planar and (loop := find_inner_loop(runs.items, config)) is not None:
         raise loop.error
     items, faults = examine_runs(runs.items, vehicle, config.faults)
+    doubtful = {log for fault in faults if fault.may_be_explained for log in fault.logs}
+    aside = tuple(run for run in runs.items if log_name(run) in doubtful)
     return Study(
         paths=campaign.sources,
         vehicle=vehicle,
         campaign=campaign,
-        runs=replace(runs, items=items, clocks_agree="*" in config.faults.kept.get("clocks_apart", ())),
+        runs=replace(
+            runs, items=items, set_aside=aside, clocks_agree="*" in config.faults.kept.get("clocks_apart", ())
+        ),
         faults=(*campaign.faults, *faults),
         overrides=config.faults,
         settings=config.fingerprint,

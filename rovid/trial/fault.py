@@ -81,6 +81,8 @@ class Fault:
     confidence: float = 0.99  #: Probability that the fault is real.
     remedy: Remedy = "none"  #: The applied remedy.
     stops: bool = False  #: Whether no fit is valid before the fault is corrected.
+    #: Whether causes that the plain model lacks may explain the fault: a diagnosis examines it once more.
+    may_be_explained: bool = False
     excerpt: Excerpt | None = field(default=None, compare=False, repr=False)  #: None where there is nothing to plot.
 
     @property

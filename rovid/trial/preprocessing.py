@@ -87,6 +87,7 @@ class PreparedRuns:
     cutoff: float
     chosen: bool
     remarks: tuple[Remark, ...]
+    set_aside: tuple[Run, ...] = ()  #: Runs of logs that the plain model alone calls foreign.
     clocks_agree: bool = False  #: The user keeps the clocks as logged: no offset of theirs is fitted.
 
     @property

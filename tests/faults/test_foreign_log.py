@@ -12,7 +12,7 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import played, slewed
 from rovid.faults.base import RunsData, examine
-from rovid.faults.foreign_log import DETECTORS, minority_payload
+from rovid.faults.foreign_log import DETECTORS, _foreign, minority_payload
 from rovid.faults.quick_model import fit_quick_model, log_name
 from rovid.model.model import Model
 from rovid.trial.fault import Fault, FaultOverrides
@@ -293,3 +293,22 @@ def test_a_heading_that_is_absent_where_a_gyro_is_logged_breaks_no_model() -> No
     assert whole is not None
     assert found is not None
     assert abs(found.inertia / whole.inertia - 1.0) < 0.05  # the other logs hold their heading
+
+
+@pytest.mark.parametrize(
+    ("factor", "error", "is_sized", "text"),
+    [
+        (2.18, 0.29, True, "its inertia is 2.18 ± 0.29 times theirs"),
+        (39.0, 18.0, False, "its own inertia is not determined"),  # 2.1 standard errors.
+        (-0.38, 0.15, False, "its own inertia is not determined"),  # No vehicle has it.
+        (-1.0, 0.1, True, "the opposite sign"),
+    ],
+)
+def test_a_size_that_no_vehicle_has_is_not_printed(factor: float, error: float, is_sized: bool, text: str) -> None:
+    model = fit_quick_model(day("small", 0), LOGGED)
+    assert model is not None
+    deviating = replace(model.logs[0], deviation=np.array([factor - 1.0, 0.0]), standard_errors=np.array([error, 1.0]))
+    fault = _foreign(deviating, 10, LOGGED).fault
+    assert text in fault.text
+    assert (fault.size is not None, fault.standard_error is not None) == (is_sized, is_sized)
+    assert fault.may_be_explained == (factor > -1.0)

@@ -62,8 +62,9 @@ def diagnosis_document(diagnosis: result.Diagnosis, study: Study) -> fits.Docume
 
 def all_faults(diagnosis: result.Diagnosis, study: Study) -> list[Fault]:
     """Faults that the logs alone show, and those that the diagnosis found, which comes second and knows more."""
-    later = {fault.fault for fault in diagnosis.faults if fault.fault != "foreign_log"}
-    return [*(fault for fault in study.faults if fault.fault not in later), *diagnosis.faults]
+    later = {(fault.fault, fault.logs if fault.fault == "foreign_log" else ()) for fault in diagnosis.faults}
+    logs = (fault for fault in study.faults if later.isdisjoint({(fault.fault, ()), (fault.fault, fault.logs)}))
+    return [*logs, *diagnosis.faults]
 
 
 def conclusion_document(diagnosis: result.Conclusion, axis: Axis = YAW) -> fits.Document:

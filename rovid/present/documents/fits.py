@@ -141,7 +141,7 @@ def fault_documents(faults: Sequence[Fault]) -> list[Document]:
     documents = []
     for fault in sorted(faults, key=lambda fault: not fault.stops):
         document = dict(vars(fault))
-        del document["excerpt"]
+        del document["excerpt"], document["may_be_explained"]
         documents.append(document)
     return documents
 

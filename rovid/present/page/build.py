@@ -15,6 +15,7 @@ from rovid.export.interface import export_input
 from rovid.export.run_export import VerifiedExport, load_exporter, verified_export
 from rovid.model.model import Model
 from rovid.model.simulation import simulate_runs
+from rovid.present.documents.diagnosis import all_faults
 from rovid.present.page.page_files import pdf_output, print_pdf, require_browser
 from rovid.present.page.render import claim_report, write_report
 from rovid.present.report_data import ReportData, separations, simulate_nested_models
@@ -119,7 +120,9 @@ def _identified(
     if joint is not None or change(stored) is not stored or not stored.path.exists():
         stored = update_parameters(stored, claim, change, detection_limits=limits)
     return ReportData(
-        faults=tuple(sorted(study.faults, key=lambda fault: not fault.stops)),
+        faults=tuple(
+            sorted(all_faults(diagnosis, study) if diagnosis else study.faults, key=lambda fault: not fault.stops)
+        ),
         vehicle=study.vehicle,
         parameters=stored,
         campaign=study.campaign,
