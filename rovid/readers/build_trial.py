@@ -5,8 +5,7 @@ those at which a command changed. It begins at the first measurement for which e
 last measurement. Where no position is logged, the rate along the axis takes its place, or the position on the map
 together with the heading.
 
-- The position is never interpolated: instants without a measurement are NaN.
-- Commands and extra signals hold their value until the next one.
+- The position is never interpolated: it is NaN between. Commands and extra signals hold their value until the next one.
 - Rate, roll and pitch have mostly a clock of their own: they are interpolated linearly, except in gaps.
 """
 
