@@ -117,7 +117,8 @@ def missing_torque_covariance(fitted: FitResult) -> FloatArray:
     covariance = likeliest.covariance if likeliest.gain > 0.0 else np.zeros_like(likeliest.covariance)
     for one in alone:
         if one is not likeliest and one.kinds == {IMBALANCE.id} and one.gain > 0.0:
-            covariance = covariance + one.covariance / (1.0 + float(np.exp(max(likeliest.gain, 0.0) - one.gain)))
+            total = np.logaddexp(max(likeliest.gain, 0.0), one.gain)
+            covariance = covariance + np.exp(one.gain - total) * one.covariance
     return covariance
 
 
