@@ -28,8 +28,8 @@ _MIN_SHARE = 0.04
 _EXPLAINED = 4.0
 # Largest share of the torque's variance that an explanation leaves.
 _MOST = 0.25
-# Residual variance over the largest of the other logs, from which a command that is constant in this log is missing.
-_ALONE = 2.0
+# Least residual variance over the torque's, and over the largest of the other logs, of a log whose command is missing.
+_MISSING, _ALONE = 0.1, 2.0
 # Passes in which the weights of the logs settle.
 _PASSES = 4
 # Squared torque of a thruster over that of a log, that determines a gain in one log: a tenth of the amplitude.
@@ -89,7 +89,7 @@ def misassigned(runs: Sequence[Run], vehicle: Vehicle) -> Misfit | None:
             what = " or ".join(each.what for own, each in likely if own > gain - _OVER_FOREIGN)
             after = fit.share(best.residual)
             found.append((gain, Misfit(log=fit.log.name, what=what, at=best.at, before=shares[at], after=after)))
-        elif fit.share(fit.own) > max(_MIN_SHARE, _EXPLAINED * usual, _ALONE * float(np.max(shares[others]))) and (
+        elif fit.share(fit.own) > max(_MISSING, _EXPLAINED * usual, _ALONE * float(np.max(shares[others]))) and (
             what := _missing(fit.log, logs, vehicle)
         ):
             found.append((0.0, Misfit(log=fit.log.name, what=what, before=shares[at])))

@@ -21,6 +21,8 @@ from rovid.trial.vehicle import Vehicle
 _Drive = Callable[[FloatArray, FloatArray, float], FloatArray]
 # Sizes: time constants of the vehicle; shares of the commands' range in such a time; shares of the range.
 _TIMES, _RATES, _WIDTHS = np.geomspace(0.04, 2.0, 8), np.geomspace(0.1, 8.0, 8), np.geomspace(0.02, 0.4, 6)
+# Factors on the best of these sizes, one after another.
+_FINER = (1.3, 1.14)
 # Share of the unexplained torque of the other logs that shows the drive in them, and by which chance may raise it.
 _SHOWN, _CHANCE = 0.05, 0.01
 # Share of the unexplained torque of the deviating logs that a drive leaves at most, if it is the reason.
@@ -44,19 +46,30 @@ def common_drive(
     plain = fit_quick_model(rest, vehicle)
     if plain is None:
         return None
-    least, best = _EXPLAINED * _unexplained(model, deviating), None
     before = _unexplained(plain)
-    for name, (change, sizes) in _drives(runs, model.time_constant).items():
-        for size in sizes.tolist():
-            driven = {run: _driven(run, vehicle, change, size) for run in runs}
-            others = fit_quick_model([driven[run] for run in rest], vehicle)
-            if others is None or len(others.logs) < len(plain.logs) or _unexplained(others) > (1.0 + _CHANCE) * before:
-                continue
-            whole = fit_quick_model([*driven.values()], vehicle)
-            if whole is not None and (own := _unexplained(whole, deviating)) < least:
-                shown = _unexplained(others) < (1.0 - _SHOWN) * before
-                least, best = own, CommonDrive(name=name, model=whole, is_shown=shown)
-    return best
+
+    def tried(name: str, change: _Drive, size: float) -> tuple[float, CommonDrive | None]:
+        """Unexplained share of the deviating logs, and the drive; None where the other logs contradict it."""
+        driven = {run: _driven(run, vehicle, change, size) for run in runs}
+        others = fit_quick_model([driven[run] for run in rest], vehicle)
+        if others is None or len(others.logs) < len(plain.logs) or _unexplained(others) > (1.0 + _CHANCE) * before:
+            return np.inf, None
+        whole = fit_quick_model([*driven.values()], vehicle)
+        if whole is None:
+            return np.inf, None
+        is_shown = _unexplained(others) < (1.0 - _SHOWN) * before
+        return _unexplained(whole, deviating), CommonDrive(name=name, model=whole, is_shown=is_shown)
+
+    drives = _drives(runs, model.time_constant)
+    found = [(*tried(name, change, size), name, size) for name, (change, sizes) in drives.items() for size in sizes]
+    for factor in _FINER:
+        _, best, name, size = nearest = min(found, key=lambda one: one[0])
+        if best is None:
+            return None
+        sizes = size / factor, size * factor
+        found = [nearest, *((*tried(name, drives[name][0], each), name, each) for each in sizes)]
+    left, best, *_ = min(found, key=lambda one: one[0])
+    return best if left < _EXPLAINED * _unexplained(model, deviating) else None
 
 
 def _drives(runs: Sequence[Run], time_constant: float) -> Mapping[str, tuple[_Drive, FloatArray]]:
