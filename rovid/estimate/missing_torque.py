@@ -213,13 +213,17 @@ def _acceleration(data: FitData) -> list[Effect]:
     def modified(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
         return torque + values["torque"] / spread * np.nan_to_num(inputs.from_trials(rates))
 
-    words, acts = "torque of the acceleration in sway", OnTorque(modified)
-    return [
-        Effect(
-            id="sway_acceleration", parameters=(_TORQUE,), acts=acts,
-            title=words, equation=words, fingerprint=words, experiment=words,
-        )
-    ]  # fmt: skip
+    words = "torque of the acceleration in sway"
+    effect = Effect(
+        id="sway_acceleration",
+        title=words,
+        parameters=(_TORQUE,),
+        equation=words,
+        fingerprint=words,
+        experiment=words,
+        acts=OnTorque(modified),
+    )
+    return [effect]
 
 
 def _smooth_derivative(time: FloatArray, values: FloatArray, width: float) -> FloatArray:
