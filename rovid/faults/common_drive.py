@@ -46,19 +46,18 @@ def common_drive(
     plain = fit_quick_model(rest, vehicle)
     if plain is None:
         return None
-    before = _unexplained(plain)
+    before, most = _unexplained(plain), _EXPLAINED * _unexplained(model, deviating)
 
     def tried(name: str, change: _Drive, size: float) -> tuple[float, CommonDrive | None]:
-        """Unexplained share of the deviating logs, and the drive; None where the other logs contradict it."""
+        """Unexplained share of the deviating logs, and the drive; None if it does not explain them, or no other log."""
         driven = {run: _driven(run, vehicle, change, size) for run in runs}
+        whole = fit_quick_model([*driven.values()], vehicle)
+        if whole is None or (left := _unexplained(whole, deviating)) > most:
+            return np.inf, None
         others = fit_quick_model([driven[run] for run in rest], vehicle)
         if others is None or len(others.logs) < len(plain.logs) or _unexplained(others) > (1.0 + _CHANCE) * before:
             return np.inf, None
-        whole = fit_quick_model([*driven.values()], vehicle)
-        if whole is None:
-            return np.inf, None
-        is_shown = _unexplained(others) < (1.0 - _SHOWN) * before
-        return _unexplained(whole, deviating), CommonDrive(name=name, model=whole, is_shown=is_shown)
+        return left, CommonDrive(name=name, model=whole, is_shown=_unexplained(others) < (1.0 - _SHOWN) * before)
 
     drives = _drives(runs, model.time_constant)
     found = [(*tried(name, change, size), name, size) for name, (change, sizes) in drives.items() for size in sizes]
@@ -68,8 +67,7 @@ def common_drive(
             return None
         sizes = size / factor, size * factor
         found = [nearest, *((*tried(name, drives[name][0], each), name, each) for each in sizes)]
-    left, best, *_ = min(found, key=lambda one: one[0])
-    return best if left < _EXPLAINED * _unexplained(model, deviating) else None
+    return min(found, key=lambda one: one[0])[1]
 
 
 def _drives(runs: Sequence[Run], time_constant: float) -> Mapping[str, tuple[_Drive, FloatArray]]:

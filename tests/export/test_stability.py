@@ -86,7 +86,7 @@ def comes_to_rest(equation: BodyEquation, envelope: FloatArray, step: float, sec
     return bool(np.all(energy < first / 36.0))
 
 
-@pytest.mark.parametrize("models", [4, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("models", [6, pytest.param(50, marks=pytest.mark.slow)])
 def test_the_verdict_is_that_of_integration_to_rest(models: int) -> None:
     random = np.random.default_rng(54)
     verdicts = []

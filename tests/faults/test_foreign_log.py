@@ -152,7 +152,7 @@ def windy_day(vehicle: str, seed: int, size: float, foreign: str = "") -> list[R
     return runs
 
 
-@pytest.mark.parametrize("share", [0.2, 0.4])
+@pytest.mark.parametrize("share", [slow(0.2), 0.4])
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_a_sine_run_in_wind_belongs_to_the_others(vehicle: str, share: float) -> None:
     """Its heading swings with its rate: a torque of the heading looks like another inertia, even one below zero."""
@@ -162,7 +162,7 @@ def test_a_sine_run_in_wind_belongs_to_the_others(vehicle: str, share: float) ->
         assert [fault.logs for fault in found(windy_day(vehicle, seed, size, "steps.csv"))[1]] == [("steps.csv",)]
 
 
-@pytest.mark.parametrize("factor", [57.3, 30.0])
+@pytest.mark.parametrize("factor", [57.3, slow(30.0)])
 def test_a_log_in_radians_is_told_so(factor: float) -> None:
     """A heading in radians that is read as degrees is a vehicle with 57.3 times the inertia."""
     others = {"sine_1.csv": scaled(model("large"), factor, factor)}
@@ -186,7 +186,7 @@ def test_a_coupled_vehicle_has_the_same_sign_in_each_log_and_not_the_same_yaw(fa
 
 @pytest.mark.parametrize("seed", [0, slow(1), slow(2)])
 @pytest.mark.parametrize("vehicle", VEHICLES)
-@pytest.mark.parametrize("factors", [(2.9, 2.6), (0.4, 0.5), (1.0, 1.8), (1.8, 1.8)])
+@pytest.mark.parametrize("factors", [(2.9, 2.6), slow((0.4, 0.5)), (1.0, 1.8), slow((1.8, 1.8))])
 def test_foreign_logs_are_named_and_set_aside(vehicle: str, factors: tuple[float, float], seed: int) -> None:
     other = scaled(model(vehicle), *factors)
     names = ["hold_2.csv", "steps.csv"] if seed else ["steps.csv"]

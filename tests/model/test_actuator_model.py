@@ -90,8 +90,9 @@ def test_instants_in_a_held_command_may_be_left_out(effect: Effect) -> None:
     over_few = model.actuators.torque_inputs(few, few.intervals_between(places))
     for found, wanted in zip(over_few.by_trial, over_all.by_trial, strict=True):
         # The last step has no next one: its mean ends at the next instant of the series, whichever that is. A drop
-        # that follows the clock is the mean of what is held in between.
-        np.testing.assert_allclose(found.torque[:-1], wanted.torque[:-1], rtol=1e-4, atol=1e-4)
+        # that follows the clock is the mean of what is held in between: 3 s, in which a day of a minute loses 0.25 %.
+        rtol = 2.5e-3 if effect.form == "day" else 1e-4
+        np.testing.assert_allclose(found.torque[:-1], wanted.torque[:-1], rtol=rtol, atol=1e-4)
 
 
 def test_means_of_selected_samples_ignore_nan() -> None:
