@@ -242,7 +242,7 @@ def test_percent_ends_at_a_hundred(csv_day: Path, tmp_path: Path, rovid: Rovid) 
     ("day", "axis", "signal", "arms"),
     [
         ("surge_tank", "surge", "surge_velocity", {"port": 1.0, "starboard": 1.0}),
-        ("pitch_tank", "pitch", "pitch", {"fore": 1.0, "aft": 1.0}),
+        pytest.param("pitch_tank", "pitch", "pitch", {"fore": 1.0, "aft": 1.0}, marks=pytest.mark.slow),
         ("kvlcc2_roll_decay", "roll", "roll", {}),
     ],
 )

@@ -27,6 +27,7 @@ def few(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_two_causes_are_distinguished_by_a_fast_command(few: Path, tmp_path: Path, rovid: Rovid) -> None:
     document = rovid("plan", few, "--between", "thruster_lag", "--between", "command_delay", "--json").document
     assert document["decides"]
@@ -40,6 +41,7 @@ def test_two_causes_are_distinguished_by_a_fast_command(few: Path, tmp_path: Pat
     assert gains[0] < 0.1 * document["runs"][0]["gain"]
 
 
+@pytest.mark.slow
 def test_a_crew_s_limits_are_kept(few: Path, rovid: Rovid) -> None:
     plain = rovid("plan", few, "--json").document
     assert plain["narrow"] in {"inertia", "quadratic_drag", "linear_drag"}

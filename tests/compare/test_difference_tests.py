@@ -52,6 +52,7 @@ def test_only_the_change_is_named(case: str) -> None:
             assert named == wanted
 
 
+@pytest.mark.slow
 def test_no_change_is_named_without_a_change() -> None:
     for seed in range(300):
         changes = found(pair(VALUES, seed=seed))

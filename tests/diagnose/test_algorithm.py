@@ -239,7 +239,7 @@ def looks_in_all() -> int:
     return int(budget.used)
 
 
-@pytest.mark.parametrize("share", [slow(0.0), 0.1, slow(0.3), 0.6])
+@pytest.mark.parametrize("share", [slow(0.0), 0.1, slow(0.3), slow(0.6)])
 def test_what_is_found_in_part_of_the_time_is_likely_at_most(looks_in_all: int, share: float) -> None:
     diagnosis, budget = diagnosed_until(1.0 + share * looks_in_all)
     assert budget.not_tried

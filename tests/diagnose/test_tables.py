@@ -75,6 +75,7 @@ def test_impossible_values_are_refused(row: str, words: str, tmp_path: Path, rov
     assert_one_message(rovid("diagnose", tmp_path, "--json"), words, "sines.csv:3", "above 0")
 
 
+@pytest.mark.slow
 def test_sines_alone_use_the_stored_drag(tmp_path: Path, rovid: Rovid) -> None:
     paper = SAMPLES / "rosub_paper"
     sines = tmp_path / "sines"

@@ -182,6 +182,7 @@ class TestEffect:
         run(copy, "-m", "pytest", "-q", "-n", "0", "-m", "slow", "tests/effects/test_mooring_line.py", quick=False)
 
 
+@pytest.mark.slow
 def test_a_log_of_the_new_format_is_read(copy: Path, tmp_path: Path) -> None:
     table = pd.read_csv(DAY / "hold_03.csv")
     lines = (" ".join(f"{name}={value}" for name, value in row.items()) for row in table.to_dict("records"))

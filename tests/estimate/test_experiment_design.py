@@ -102,6 +102,7 @@ def test_runs_beyond_the_limit_are_not_sampled() -> None:
     assert max(run.seconds for run in candidate_runs(scales, ("a", "b"), 600.0)) <= 600.0
 
 
+@pytest.mark.slow
 def test_a_designed_run_is_worth_more_than_the_list_within_the_same_limits() -> None:
     time = synthetic.clock(60.0, rate=5.0)
     log = synthetic.trial(time, np.where(time < 30.0, 2.0, -2.0))

@@ -324,6 +324,7 @@ def test_user_errors_give_one_line(
     assert (here / "reported/index.html").read_text() == REPORT
 
 
+@pytest.mark.slow
 def test_a_missing_library_is_named_with_the_extra_that_has_it(sea: Path, tmp_path: Path) -> None:
     code = "import sys; sys.modules['pyarrow'] = None; from rovid.cli.cli import main; main()"
     ended = subprocess.run(

@@ -50,6 +50,7 @@ CHANGES = [
 ]
 
 
+@pytest.mark.slow
 def test_the_hash_changes_with_all_that_is_compiled_into_a_function(tmp_path: Path) -> None:
     for number, (changed, before, after, _) in enumerate(CHANGES):
         source = copied(tmp_path / str(number)) / "rovid" / changed

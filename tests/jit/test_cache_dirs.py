@@ -75,6 +75,7 @@ def test_without_a_home_folder_a_private_folder_holds_the_cache() -> None:
         assert used(folder, environment, run=False).stderr == ""
 
 
+@pytest.mark.slow
 @NOBODY
 def test_a_folder_of_another_user_is_not_used() -> None:
     with read_only_install() as (folder, environment):

@@ -48,6 +48,7 @@ def test_every_axis_has_a_label_with_a_unit(day: ReportData) -> None:
             assert all(any(unit in label.replace("\n", " ") for unit in UNITS) for label in shown), (name, shown)
 
 
+@pytest.mark.slow
 def test_no_text_leaves_the_figure(day: ReportData) -> None:
     for name, figure in figures(day).items():
         canvas.render_png(figure)

@@ -279,7 +279,7 @@ def test_nothing_is_guessed_from_what_is_no_such_log(suffix: str, content: str, 
 
 
 @FORMATS
-@settings(FUZZ, max_examples=60)
+@settings(FUZZ, max_examples=30)
 @given(edits=EDITS)
 def test_edited_logs_do_no_harm(suffix: str, edits: Edits, tmp_path: Path) -> None:
     path = tmp_path / f"e{suffix}"

@@ -20,7 +20,7 @@ from tests.readers.logs import COMPRESSIONS, ENCODERS, campaign, csv_text, dive,
 
 # Each example may take ten seconds; real ones take milliseconds, even on a loaded machine a hang or an explosion shows.
 FUZZ = settings(
-    max_examples=100,
+    max_examples=60,
     deadline=10_000,
     derandomize=True,  # the same examples each time: a test that fails at random helps nobody
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
@@ -156,13 +156,13 @@ def test_any_numbers(values: list[tuple[float, ...]], ordered: bool, config: Con
     survive(full.path.parent / "d.csv", csv_text(columns, form=".17g").encode(), full)
 
 
-@settings(FUZZ, max_examples=300)
+@settings(FUZZ, max_examples=120)
 @given(number=st.integers(0, len(RECORDINGS) - 1), edits=EDITS)
 def test_edited_mcap(number: int, edits: Edits, config: Config) -> None:
     survive(config.path.parent / "e.mcap", edited(RECORDINGS[number], edits), config)
 
 
-@settings(FUZZ, max_examples=100)
+@settings(FUZZ, max_examples=50)
 @given(
     number=st.integers(0, len(RECORDINGS) - 1),
     length=st.floats(0, 1),

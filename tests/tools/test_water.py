@@ -199,6 +199,7 @@ def test_torque_depends_on_the_heading(form: str) -> None:
     np.testing.assert_allclose(got[1:-1], 15.0 * wanted[1:-1], atol=0.05)
 
 
+@pytest.mark.slow
 def test_waves_have_their_size_and_period() -> None:
     sine = hiding(free(), "wave_torque", "sine", amplitude=20.0, frequency=1.25)
     band = hiding(free(), "wave_torque", "narrow_band", amplitude=20.0, frequency=1.25, damping=0.03)

@@ -102,6 +102,7 @@ def day(folder: Path, text: str) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_it_is_said_by_check_and_by_a_fit(tmp_path: Path, rovid: Rovid) -> None:
     block = '\n[[leave_out]]\nlog = "steps.csv"\nfrom = 40\nto = 90\nreason = "the tether caught"\n'
     day(tmp_path / "day", block)

@@ -250,6 +250,7 @@ def test_a_dead_band_is_found_in_a_real_dive(tmp_path: Path, rovid: Rovid) -> No
     assert document["extended"]["held_out"]["yaw_rate_r2"] > 0.8
 
 
+@pytest.mark.slow
 def test_a_dead_band_explains_a_real_dive(tmp_path: Path, rovid: Rovid) -> None:
     dive = with_linear_thrust(tmp_path / "dive")
     plain = rovid("fit", dive, "--json")

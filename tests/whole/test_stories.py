@@ -125,6 +125,7 @@ def test_ratios_stand_in_the_place_of_placeholders(placeholder: Played) -> None:
     assert re.search(r"I/DQ +1\.4\d* ± 0\.0\d+ +rad", placeholder.done["fit"].out)
 
 
+@pytest.mark.slow
 def test_nothing_is_handed_on_that_hangs_on_a_guess(placeholder: Played, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(placeholder.folder)
     for command in (("control",), ("export", "json")):

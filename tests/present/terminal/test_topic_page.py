@@ -8,10 +8,10 @@ import pytest
 
 from rovid.effects import CATALOGUE
 from rovid.present.terminal.topics import TOPICS, topic_names
-from tests.conftest import Rovid
+from tests.conftest import Rovid, slow
 
 
-@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("width", [60, slow(80), slow(120)])
 def test_every_page_fits(width: int, rovid: Rovid, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
     for topic in (*TOPICS, "thruster_lag", "supply_sag"):
