@@ -20,8 +20,8 @@ from rovid.trial.preprocessing import Run
 
 #: Length of a jackknife block in periods of the cut-off.
 BLOCK = 8.0
-#: Time constants of the water's memory in periods of the cut-off; sums of such responses approximate others.
-MEMORIES = (2.0, 8.0)
+# Time constants of the water's memory in periods of the cut-off; sums of such responses approximate others.
+_MEMORIES = (2.0, 8.0)
 # Least number of blocks.
 _MIN_BLOCKS = 10
 # Largest number of Gauss-Newton steps, and their share, because whole steps may oscillate. A converged step changes the
@@ -98,7 +98,7 @@ def _block_moments(run: Run, delay: float, drift: float) -> FloatArray:
     if run.trial.axis.angular:
         columns += [np.sin(rates.position), np.cos(rates.position)]
     past = np.nan_to_num(rate)
-    columns += [first_order(past, memory / rates.kernel.cutoff, period) for memory in MEMORIES]
+    columns += [first_order(past, memory / rates.kernel.cutoff, period) for memory in _MEMORIES]
     rows = np.column_stack((*columns, np.ones(len(rate)), rates.acceleration))[known]
     length = max(int(BLOCK / (rates.kernel.cutoff * period)), 10)
     blocks = [rows[first : first + length] for first in range(0, len(rows), length)]

@@ -23,7 +23,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
-from rovid.faults.clock_drift import BLOCK, MEMORIES, clock_drift
+from rovid.faults.clock_drift import BLOCK, clock_drift
 from rovid.faults.quick_model import first_order, log_name
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
@@ -38,6 +38,9 @@ _STEP, _LONGEST, _SHARE, _MOST, _MAX_SAMPLES = 0.1, 8.0, 0.04, 0.2, 20_000
 _MIN_BLOCKS, _VARIES = 5, 1e-3
 # A log has a delay of its own if that reduces its residual below this share.
 _OWN_DELAY = 0.5
+
+# Time constants of the water's memory in periods of the cut-off. Shorter ones would stand for a clock that is early.
+_MEMORIES = (1.0, 4.0)
 
 #: (p, p), (p, m) and (m,) moments of p regressors, and of the torque at each of m shifts.
 Moments = tuple[FloatArray, FloatArray, FloatArray]
@@ -160,7 +163,7 @@ def _blocks(
         if run.trial.axis.angular:
             columns += [function(k * position) for k in (1.0, 2.0) for function in (np.sin, np.cos)]
         past = np.nan_to_num(rates.rate)
-        columns += [first_order(past, memory / rates.kernel.cutoff, period)[inside] for memory in MEMORIES]
+        columns += [first_order(past, memory / rates.kernel.cutoff, period)[inside] for memory in _MEMORIES]
     x = np.column_stack((*columns, np.ones(len(inside))))
     length = max(int(BLOCK / (rates.kernel.cutoff * period * stride)), 10)
     for first in range(0, len(inside), length):
