@@ -129,8 +129,8 @@ def described(command: str, function: Callable[..., None]) -> Callable[..., None
 
 def _description(parameter: inspect.Parameter, settings: dict[str, Any]) -> Any:
     """An argument if it may be given by position, else an option; a flag that is off has no opposite."""
-    names = [f"--{parameter.name.replace('_', '-')}"] * (parameter.default is False)
-    names = settings.pop("names", names)
+    flag = [f"--{parameter.name.replace('_', '-')}"] if parameter.default is False else []
+    names = settings.pop("names", flag)
     settings["metavar"] = settings.pop("value", None)
     if complete := settings.pop("complete", ""):
         fixed = completion.FIXED.get(complete, ())

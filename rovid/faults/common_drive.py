@@ -4,8 +4,6 @@ A lag, a delay, a slew limit or play changes the inertia and the drag that a fas
 the others. Each is applied to the commands of all logs, with the size that leaves the least torque unexplained.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -49,7 +47,7 @@ def common_drive(
     before, most = _unexplained(plain), _EXPLAINED * _unexplained(model, deviating)
 
     def tried(name: str, change: _Drive, size: float) -> tuple[float, CommonDrive | None]:
-        """Unexplained share of the deviating logs, and the drive; None if it does not explain them, or no other log."""
+        """Share that the deviating logs leave unexplained, and the drive; None if it leaves too much of any log."""
         driven = {run: _driven(run, vehicle, change, size) for run in runs}
         whole = fit_quick_model([*driven.values()], vehicle)
         if whole is None or (left := _unexplained(whole, deviating)) > most:

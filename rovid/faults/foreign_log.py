@@ -98,12 +98,14 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
             # Sway and surge change the yaw that a log shows, but not the sign of its inertia.
             foreign = [log for log in foreign if 1.0 + log.deviation[0] + _CERTAIN * log.standard_errors[0] < 0.0]
         foreign = [log for log in foreign if log.name not in kept]
-        odd += sum(log.name not in opposite for log in foreign)
-        if not foreign or 2 * odd >= count:
+        if not foreign:
             break
         drive = common_drive(rest.runs, data.vehicle, model, {log.name for log in foreign} - opposite)
         if drive is not None:
             kept |= {log.name for log in foreign if _belongs(log, drive.model)} - opposite
+        odd += sum(log.name not in opposite | kept for log in foreign)
+        if 2 * odd >= count:
+            break
         for log in foreign:
             if log.name not in kept:
                 found.append(_foreign(log, len(model.logs), data.vehicle))

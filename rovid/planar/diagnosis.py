@@ -325,7 +325,10 @@ def _result(
 
 
 def _contradicted(tested: Sequence[Finding], likelier: Sequence[Finding]) -> list[Finding]:
-    """Causes by free-running simulations where the likelihood names others: none that they cannot be told from."""
+    """Causes by free-running simulations that contradict the likelihood.
+
+    It names other causes, and the logs distinguish them.
+    """
     named = {one.effect.id for one in likelier}
     return [
         one for one in tested if named and named.isdisjoint({one.effect.id, *(e.id for e in one.indistinguishable)})

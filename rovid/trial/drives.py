@@ -32,7 +32,9 @@ def motor_curve(block: Mapping[str, Any], place: str, parser: ConfigValues) -> T
     """
     key = constant_of(block)
     others = [other for other in ("curve", *CONSTANTS) if other != key]
-    parser.refuse_both(block, key, [*others, *[parser.axis.arm_key] * (key == "torque_constant")], place)
+    if key == "torque_constant":
+        others.append(parser.axis.arm_key)
+    parser.refuse_both(block, key, others, place)
     if "max_command" not in block:
         mend = "Add max_command = the largest command in the unit of the log, for example 3000 for rpm or 5 for A."
         raise parser.error(place, f"has {key} and no max_command, the largest command for which it holds.", mend)

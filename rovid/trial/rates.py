@@ -242,12 +242,12 @@ def cumulative(steps: FloatArray, known: IntArray, count: int) -> FloatArray:
 
 def cell_averages(time: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
     """(m,) average of the held (n,) ``values`` over the cell of one period around each grid instant."""
-    integral = np.concatenate(([0.0], np.cumsum(values[:-1] * np.diff(time))))
+    passed = np.concatenate(([0.0], np.cumsum(values[:-1] * np.diff(time))))
     half = 0.5 * (grid[1] - grid[0])
     edges = np.concatenate((grid - half, grid[-1:] + half))
     inside = np.clip(edges, time[0], time[-1])
     width = np.diff(inside)
-    area = np.diff(np.interp(inside, time, integral))
+    area = np.diff(np.interp(inside, time, passed))
     return np.asarray(area / np.where(width > 0, width, np.nan))
 
 
