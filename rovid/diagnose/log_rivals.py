@@ -269,7 +269,9 @@ def _without_offset(
         diagnosis = replace(diagnosis, challengers=(challenger, *diagnosis.challengers)[: THRESHOLDS.challengers_shown])
     verdict = diagnosis.verdict
     if verdict in {"found", "suspected"} and not findings:
-        verdict = "suspected" if suspects else "nothing_found"
+        # An offset that may act, and was not corrected, leaves the error of the model open.
+        is_open = any(one.effect is CLOCKS_APART for one in (*diagnosis.findings, *diagnosis.suspects))
+        verdict = "suspected" if suspects else "unexplained" if is_open else "nothing_found"
     every_fault = (*diagnosis.faults, *faults)
     return replace(diagnosis, verdict=verdict, findings=tuple(findings), suspects=tuple(suspects), faults=every_fault)
 
@@ -329,8 +331,13 @@ def _offset_fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
     text = f"The vehicle responds {plus_minus(lead, error)} s before its commands, which is impossible: "
     if joined:
         text += f"the clock of the commands is ahead of the clock of the motion. {done} Give a known offset in [join]."
-    else:
+    elif lead - _CERTAIN * error <= float(np.median([run.trial.sampling_interval for run in runs])):
         text += f"the stamps of the commands are late, as where a row holds the command that acted before it. {done}"
+    else:
+        text += (
+            "the stamps of the commands are late by more than a row, or a torque that the catalogue lacks looks the "
+            f"same, for instance of water with several memories. {done}"
+        )
     return Fault(
         fault=CLOCKS_APART.id,
         logs=joined or tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in runs)),

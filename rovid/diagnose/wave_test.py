@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.objective import UNLIMITED, NegativeLogLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY
+from rovid.faults.quick_model import first_order, held_torque
 from rovid.trial.axis import YAW
 from rovid.trial.preprocessing import Run
 
@@ -27,6 +29,10 @@ from rovid.trial.preprocessing import Run
 # a filter, which takes whole runs: the test stays fast.
 _FILTERS = 2.0 ** np.arange(-1.0, 5.0)
 _MAX_READINGS = 10_000
+# Harmonics of the heading in the power of waves. Their moment goes with the sine of once or twice the angle to them.
+_HARMONICS = (1.0, 2.0, 4.0)
+# Gain of log-likelihood beyond that by chance, from which the power of the waves depends on a signal (p about 0.002).
+_LEAST_GAIN = 4.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,25 +71,31 @@ class WaveTest:
 
     @cached_property
     def _probability_of_a_sea(self) -> float:
-        """Two-sided p value of a band no wider than that of a sea; 1 for a narrower one.
+        """Probability that the hump in the spectrum has the power and the band of waves.
 
-        Any hump in the spectrum of a torque fits a second-order filter: flow separation, for instance, or a cause that
-        switches on and off. Only a band as narrow as that of waves is evidence for waves. A vehicle that turns at a
-        rate r meets waves of the frequency w at w - r and w + r, which widens their band by r/w.
+        Any hump in the spectrum of a torque fits a second-order filter: flow separation, for instance, or the noise of
+        a stalled propeller. Thrust and motion change the power of those, and only the heading that of waves. Where the
+        heading does, the result is the two-sided p value of a band no wider than that of a sea; 1 for a narrower one. A
+        vehicle that turns at a rate r meets waves of the frequency w at w - r and w + r, which widens their band by
+        r/w. Without such evidence only a band that is certainly as narrow as that of a sea is that of waves.
         """
         fitted = self.fitted
         if fitted is None:
             return 0.0
+        power = power_of_waves(fitted)
+        if power.beside >= _LEAST_GAIN and power.drive > power.heading:
+            return 0.0
         at = fitted.model.names.index(f"{fitted.effects[-1].key}.damping")
         error = math.sqrt(float(fitted.covariance(sandwich=not fitted.is_white)[at, at]))
         _, frequency, damping = fitted.model.wave_parameters.tolist()
-        turn = fitted.data.scales.rate / frequency if fitted.data.axis is YAW else 0.0
-        excess = damping - math.hypot(SEA_DAMPING, turn)
+        if power.heading < _LEAST_GAIN:
+            return 0.5 * math.erfc((damping - SEA_DAMPING) / error / math.sqrt(2.0))
+        excess = damping - math.hypot(SEA_DAMPING, fitted.data.scales.rate / frequency)
         return math.erfc(excess / error / math.sqrt(2.0)) if excess > 0.0 else 1.0
 
     @property
     def is_broad(self) -> bool:
-        """Whether a hump in the spectrum of the disturbance is certain, and its band too wide for waves."""
+        """Whether a hump in the spectrum of the disturbance is certain, and its band or its power not that of waves."""
         return self.bic_gain > THRESHOLDS.bic_margin and self._probability_of_a_sea < THRESHOLDS.likely
 
     @property
@@ -182,6 +194,64 @@ def _before_filter(data: InnovationData, time_constant: float) -> tuple[list[Run
         runs.append(replace(run, trial=replace(run.trial, position=position)))
         offset += float(np.log(share).sum())
     return runs, offset
+
+
+class PowerOfWaves(NamedTuple):
+    """Gains of log-likelihood, beyond those by chance, by a power of the waves that depends on a signal."""
+
+    heading: float
+    drive: float  #: On the size of the thrust or of the rate, whichever gains more.
+    beside: float  #: The same next to the heading.
+
+
+def power_of_waves(fitted: FitResult) -> PowerOfWaves:
+    """Score tests of a model with waves for a power that depends on the heading, the thrust or the rate."""
+    signals, count = _power_signals(fitted), len(fitted.x)
+    amplitude = count - len(fitted.effects[-1].parameters)
+    information, rows = np.zeros(()), []
+    for piece in fitted.objective.jacobian(fitted.x):
+        modulated = piece.matrix[:, [amplitude]] * np.tile(signals[piece.rows], (2, 1))
+        joined = replace(piece, matrix=np.hstack((piece.matrix, modulated)))
+        information = information + joined.information
+        rows.append(joined.scores)
+    block = fitted.data.block_index
+    sums = [np.bincount(block, weights=column) for column in np.concatenate(rows).T]
+    scores = np.column_stack(sums)[np.bincount(block) > 0]
+
+    def gain(tested: Sequence[int], known: Sequence[int]) -> float:
+        moved = np.linalg.pinv(information[np.ix_(known, known)], rcond=1e-10, hermitian=True)
+        left = scores[:, tested] - scores[:, known] @ (moved @ information[np.ix_(known, tested)])
+        total = left.sum(axis=0)
+        rest = left - total / len(left)
+        # The scatter of the scores over time is their variance: coloured innovations count less.
+        square = float(total @ np.linalg.pinv(rest.T @ rest, rcond=1e-8, hermitian=True) @ total)
+        return 0.5 * (len(left) * math.log1p(square / len(left)) - len(tested))
+
+    own, headings = range(count), range(count + 2, count + signals.shape[1])
+    drives = range(count, count + 2)
+    return PowerOfWaves(
+        heading=gain(headings, own) if headings else 0.0,
+        drive=max(gain([one], own) for one in drives),
+        beside=max(gain([one], [*own, *headings]) for one in drives),
+    )
+
+
+def _power_signals(fitted: FitResult) -> FloatArray:
+    """(N, q) size of the thrust and of the rate, and harmonics of the heading, over the memory of the waves."""
+    _, frequency, damping = fitted.model.wave_parameters.tolist()
+    memory = 0.5 / (damping * frequency)
+    columns = []
+    for run, (instants, _) in zip(fitted.data.runs, fitted.data.innovation_spans, strict=True):
+        rates = run.rates
+        signals = [np.abs(held_torque(run)), np.abs(np.nan_to_num(rates.rate))]
+        if fitted.data.axis is YAW:
+            heading = np.nan_to_num(rates.position)
+            signals += [function(k * heading) for k in _HARMONICS for function in (np.cos, np.sin)]
+        period = float(rates.time[1] - rates.time[0])
+        past = [first_order(signal, memory, period) for signal in signals]
+        columns.append(np.column_stack([np.interp(instants, rates.time, each) for each in past]))
+    every = np.concatenate(columns)
+    return np.asarray((every - every.mean(axis=0)) / np.maximum(every.std(axis=0), 1e-12))
 
 
 def _supported_gain(better: FitResult, plain: FitResult) -> float:

@@ -92,6 +92,20 @@ def test_stamps_that_are_late_by_chance_are_no_delay(delay: float, kept: bool) -
     assert ("scatters by" in fault.text) != kept
 
 
+@pytest.mark.parametrize("established", [True, False])
+def test_an_offset_that_was_not_corrected_leaves_the_error_unexplained(*, established: bool) -> None:
+    offset = finding(CLOCKS_APART, [0.4])
+    diagnosis = Diagnosis(verdict="suspected", suspects=(offset,))
+    if established:
+        diagnosis = Diagnosis(verdict="found", findings=(offset,))
+    result = _without_offset(diagnosis, day("small", 0))
+    assert (result.verdict, result.findings, result.suspects) == ("unexplained", (), ())
+    (fault,) = result.faults
+    assert fault.fault == "clocks_apart"
+    # Longer than the interval between two rows.
+    assert "late by more than a row" in fault.text
+
+
 SAG = supply_sag.EFFECT
 NAMES = tuple(run.trial.name for run in day("small", 0))
 

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from rovid.diagnose import wave_test
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.wave_test import WaveTest, run_wave_test, supported_gain
+from rovid.diagnose.wave_test import PowerOfWaves, WaveTest, power_of_waves, run_wave_test, supported_gain
 from rovid.effects.catalogue import CATALOGUE
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
@@ -23,17 +24,18 @@ from tests.synthetic import LOGGED, ROSUB, clock, gauss_markov, run
 WAVES = next(effect for effect in CATALOGUE if effect.is_wave)
 
 
-@pytest.mark.parametrize("filtered", [True, False])
-def test_the_noise_of_a_filtered_heading_is_no_wave(*, filtered: bool) -> None:
+def hump_beside(kind: str) -> WaveTest:
+    """Test for waves in levels of thrust, next to a broad disturbance and a ``kind`` of narrow-band torque."""
     rng = np.random.default_rng(4)
     time = clock(400.0, 5.0)
     torque = 230.0 * rng.choice([-1.0, 0.0, 1.0], 41)[(time // 10.0).astype(int)]
     disturbance = gauss_markov(len(time), 0.2, 5.0, 20.0, rng)
-    if not filtered:
-        wave = lfilter([1.0], [1.0, -1.96 * np.cos(0.2 * 1.5), 0.96], rng.normal(0.0, 1.0, len(time)))
+    if kind != "filtered heading":
+        drive = np.abs(torque) if kind == "stall" else np.ones(len(time))
+        wave = lfilter([1.0], [1.0, -1.94 * np.cos(0.2 * 1.5), 0.9409], drive * rng.normal(0.0, 1.0, len(time)))
         disturbance += 30.0 * wave / np.std(wave)
     log = run(time, torque, disturbance=disturbance, noise=rng.normal(0.0, np.deg2rad(0.3), len(time)))
-    if filtered:
+    if kind == "filtered heading":
         share = -np.expm1(-0.2 / 1.0)
         rest = (1.0 - share) * log.trial.position[:1]
         heading = lfilter([share], [1.0, share - 1.0], log.trial.position, zi=rest)[0]
@@ -41,24 +43,38 @@ def test_the_noise_of_a_filtered_heading_is_no_wave(*, filtered: bool) -> None:
     data = InnovationData([log], LOGGED, ROSUB)
     objective = InnovationLikelihood(data, 0.05)
     beside = FitResult.at(objective, objective.parametrization.initial())
-    found = run_wave_test(data, beside, WAVES, ())
-    assert (found.fitted is None) == filtered
+    return run_wave_test(data, beside, WAVES, ())
+
+
+def test_the_noise_of_a_filtered_heading_is_no_wave() -> None:
+    assert hump_beside("filtered heading").fitted is None
+
+
+@pytest.mark.parametrize("kind", ["waves", "stall"])
+def test_noise_that_thrust_makes_is_no_wave(kind: str) -> None:
+    found = hump_beside(kind)
+    assert found.fitted is not None
+    power = power_of_waves(found.fitted)
+    assert (power.beside > 4.8) == (power.drive > power.heading + 4.8) == (kind == "stall")
+    assert found.is_broad == (kind == "stall")
 
 
 @pytest.mark.parametrize(
-    ("damping", "error", "rate", "is_broad"),
+    ("damping", "error", "rate", "heading", "is_broad"),
     [
-        (0.05, 0.02, 0.0, False),
-        (0.25, 0.02, 0.0, False),
-        (0.3, 0.1, 0.0, False),
-        (0.36, 0.04, 0.0, True),
-        # A turn at half of their frequency widens the band of waves: 0.56.
-        (0.36, 0.04, 0.6, False),
-        (0.7, 0.04, 0.6, True),
+        (0.05, 0.02, 0.0, 0.0, False),
+        (0.25, 0.02, 0.0, 0.0, False),
+        (0.3, 0.1, 0.0, 9.0, False),
+        (0.3, 0.1, 0.0, 0.0, True),
+        (0.36, 0.04, 0.0, 9.0, True),
+        # A turn at half of their frequency widens the band of waves: 0.56. Then their power depends on the heading.
+        (0.36, 0.04, 0.6, 9.0, False),
+        (0.36, 0.04, 0.6, 0.0, True),
+        (0.7, 0.04, 0.6, 9.0, True),
     ],
 )
 def test_a_band_wider_than_that_of_a_sea_is_no_wave(
-    damping: float, error: float, rate: float, is_broad: bool, monkeypatch: pytest.MonkeyPatch
+    damping: float, error: float, rate: float, heading: float, is_broad: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = SimpleNamespace(names=("wave_torque.damping",), wave_parameters=np.array([1.0, 1.2, damping]))
     data = SimpleNamespace(scales=SimpleNamespace(rate=rate), axis=YAW)
@@ -66,6 +82,7 @@ def test_a_band_wider_than_that_of_a_sea_is_no_wave(
         model=model, data=data, effects=(WAVES,), is_white=True, covariance=lambda **_: np.array([[error**2]])
     )
     monkeypatch.setattr(WaveTest, "held_out_gain", 60.0)
+    monkeypatch.setattr(wave_test, "power_of_waves", lambda _: PowerOfWaves(heading=heading, drive=0.0, beside=0.0))
     tested = WaveTest(fitted, (), fitted=fitted, bic_gain=30.0)
     assert tested.is_broad == is_broad
     assert not replace(tested, bic_gain=3.0).is_broad
