@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, RovidError, suggestion
 from rovid.diagnose.result import DISCRIMINATING_RUNS
-from rovid.effects import CATALOGUE, FORMS, PLANAR_FORMS, Effect, EffectParameter
+from rovid.effects import ANGLE_FORMS, CATALOGUE, FORMS, PLANAR_FORMS, Effect, EffectParameter
 from rovid.effects.base import (
     SPEEDS,
     Coupling,
@@ -72,6 +72,7 @@ _PLACES = {
     Coupling: "forces in the equations of surge, sway and yaw; `--axes planar` only",
     WaterCurrent: "speed of the water in the equations of surge, sway and yaw; `--axes planar` only",
 }
+_OF_ANGLES = "acts on the angles of rudders and azimuth thrusters; `--axes planar` only"
 _AXES = {
     "time": "time in the step, s",
     "command": "command, V",
@@ -176,7 +177,7 @@ def forms_of(effect: Effect) -> list[Effect]:
     """Forms of an effect, the default form first."""
     if effect.per_thruster:
         return [for_thruster("NAME"), for_thruster("NAME" + WITH_OTHERS)]
-    return [form for form in (*FORMS, *PLANAR_FORMS) if form.id == effect.id]
+    return [form for form in (*FORMS, *PLANAR_FORMS, *ANGLE_FORMS) if form.id == effect.id]
 
 
 # ---- the runs of the pictures
@@ -392,7 +393,7 @@ def _of(effect: Effect) -> str:
 def _forms(effect: Effect) -> Iterator[str]:
     before: tuple[EffectParameter, ...] = ()
     for form in forms_of(effect):
-        place = _PLACES[type(form.acts)]
+        place = _OF_ANGLES if form in ANGLE_FORMS else _PLACES[type(form.acts)]
         needs = f"; needs {' and '.join(f'`{name}`' for name in form.needs)} in the log" if form.needs else ""
         yield f"**`{form.key}`**: {place}{needs}."
         yield f"```text\n{form.equation}\n```"

@@ -2,6 +2,7 @@
 
 from rovid.effects.base import Effect, EffectParameter
 from rovid.effects.catalogue import (
+    ANGLE_FORMS,
     CATALOGUE,
     EFFECTS,
     FORMS,
@@ -20,6 +21,7 @@ from rovid.effects.catalogue import (
 )
 
 __all__ = [
+    "ANGLE_FORMS",
     "CATALOGUE",
     "EFFECTS",
     "FORMS",

@@ -118,6 +118,7 @@ class OnCommand:
     _: KW_ONLY
     settling_time: Settling | None = None
     anchored: bool = False
+    of_angles: bool = False  #: Whether the planar model's angles are the commands, of rudders and azimuth thrusters.
 
 
 @dataclass(frozen=True, eq=False)

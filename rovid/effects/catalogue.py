@@ -5,7 +5,7 @@ from importlib import import_module
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, suggestion
-from rovid.effects import bias_torque, restoring_curve, supply_sag, thruster_imbalance
+from rovid.effects import bias_torque, restoring_curve, slew_limit, supply_sag, thruster_imbalance, thruster_lag
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.base import Effect, Term
 from rovid.effects.clock_offset import CLOCKS_APART
@@ -86,6 +86,8 @@ PLANAR_EFFECTS = ("current", "sway_yaw_damping", "cross_flow_drag", "speed_depen
 PLANAR_FORMS: tuple[Effect, ...] = tuple(
     form for name in PLANAR_EFFECTS for form in import_module(f"rovid.effects.{name}").PLANAR_FORMS
 )
+# Forms that act on the angles of the planar model's rudders and azimuth thrusters.
+ANGLE_FORMS: tuple[Effect, ...] = (*thruster_lag.ANGLE_FORMS, *slew_limit.ANGLE_FORMS)
 # The plain forms.
 CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
 # Restoring torque or force by weight and buoyancy, part of the base model of these axes.
@@ -194,7 +196,7 @@ def effect_named(name: str) -> Effect:
 
     Raises ConfigError if there is none. The message offers the nearest ids.
     """
-    for effect in (*every_form(), *PLANAR_FORMS, CLOCKS_APART):
+    for effect in (*every_form(), *PLANAR_FORMS, *ANGLE_FORMS, CLOCKS_APART):
         if effect.key == name and not effect.per_thruster:
             return effect
     key, _, form = name.partition(":")

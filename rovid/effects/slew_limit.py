@@ -50,3 +50,17 @@ FORMS: tuple[Effect, ...] = (
         acts=OnCommand(_growth, settling_time=_ramp_time),
     ),
 )
+# Of the planar model: a gear turns rudders and azimuth thrusters at a limited rate.
+ANGLE_FORMS: tuple[Effect, ...] = (
+    replace(
+        EFFECT,
+        form="angle",
+        title="slew limit of the angle",
+        axes=("planar",),
+        parameters=(
+            replace(EFFECT.parameters[0], unit="rad/s", low=0.006, initial_values=(3.6, 0.5, 0.12), scale="one/time"),
+        ),
+        equation="|dδ/dt| ≤ R, δ the angle of each rudder and azimuth thruster",
+        acts=OnCommand(_both_ways, settling_time=_ramp_time, of_angles=True),
+    ),
+)

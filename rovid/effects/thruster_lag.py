@@ -103,3 +103,14 @@ FORMS: tuple[Effect, ...] = (
         acts=OnThrust(_rotor, settling_time=_settled),
     ),
 )
+# Of the planar model: the gear of rudders and azimuth thrusters is slow, the thrust is not.
+ANGLE_FORMS: tuple[Effect, ...] = (
+    replace(
+        EFFECT,
+        form="angle",
+        title="lag of the angle",
+        axes=("planar",),
+        equation="τ·dδ'/dt + δ' = δ, δ the angle of each rudder and azimuth thruster",
+        acts=OnCommand(_lagged_command, settling_time=_settled, of_angles=True),
+    ),
+)

@@ -2,8 +2,8 @@
 
 The base model is fitted to the innovations. Score tests screen all forms that couple surge, sway and yaw, or that act
 between command and thrust. The best ones are fitted, and added while they gain enough; other sets of causes challenge
-the result. Each cause then has to pass the held-out gate of `_rejection`. One that fails is banned, and the search goes
-on without it. Thresholds are those of `rovid.diagnose.thresholds`.
+the result. Each cause then has to pass the held-out gate; see `rovid.planar.validation`. One that fails is banned, and
+the search goes on without it. Thresholds are those of `rovid.diagnose.thresholds`.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -13,9 +13,7 @@ import numpy as np
 
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
-from rovid.diagnose.cross_validation import certain_growth
-from rovid.diagnose.evidence import posterior_probability, probability_not_a_stand_in, recalibrated, size_in_errors
-from rovid.diagnose.result import Conclusion, Finding, OtherCause
+from rovid.diagnose.result import Conclusion, Finding
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import OUT_OF_TIME
 from rovid.effects import Effect
@@ -25,10 +23,11 @@ from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import planar_candidates, with_hull_lift
 from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined
 from rovid.planar.free_runs import better_simulating, fit_free_runs
-from rovid.planar.held_out import HeldOut, Parts, PlanarScores, held_out, noise_floors
+from rovid.planar.held_out import Parts, PlanarScores, noise_floors
 from rovid.planar.model import AXIS_NAMES
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.search import PlanarSearch
+from rovid.planar.validation import Gate, challengers, is_at_bound, validated
 
 # Most suspects of a result.
 _MOST_SUSPECTS = 3
@@ -83,19 +82,23 @@ def diagnose_planar(
     if simulating.is_multi_step and not model.is_multi_step:
         # The likelihood does not hold for any model of the search: free-running simulations decide.
         report("Fitting free-running simulations …")
-        first = _Gate(search, parts)
+        first = Gate(search, parts)
         likelier = [first.tested(model, effect)[0] for effect in search.causes(model)]
         base = fit_free_runs(base, data) if search.causes(model) else replace(simulating, likeliest=None)
         parts = Parts(data, base)
         search, model = _searched(data, base, own)
         model = _agreeing(search, model, {one.effect.id for one in likelier})
     report("Validating on held-out parts …")
-    model, tested, messages = _validated(search, _Gate(search, parts), model)
-    return _result(search, parts, model, tested, messages, likelier)
+    gate = Gate(search, parts)
+    model, tested, messages = validated(search, gate, model)
+    return _result(gate, model, tested, messages, likelier)
 
 
 def _searched(data: PlanarData, base: PlanarOptimum, budget: Budget) -> tuple[PlanarSearch, PlanarOptimum]:
-    search = PlanarSearch(data, base, planar_candidates(data), budget)
+    # A slew limit of commands is one of angles where these steer the vehicle.
+    same = {"slew_limit"} if data.actuators.steered else set()
+    candidates = tuple(form for form in planar_candidates(data) if form.key not in same)
+    search = PlanarSearch(data, base, candidates, budget)
     budget.report("Searching for causes …")
     return search, search.challenged(search.run(base))
 
@@ -134,129 +137,14 @@ def _too_short(data: PlanarData, parts: Parts, base: PlanarOptimum) -> str:
     )
 
 
-# --- Validation -------------------------------------------------------------------------------------------------------
-
-
-class _Gate:
-    """Held-out predictions of models, computed once."""
-
-    def __init__(self, search: PlanarSearch, parts: Parts) -> None:
-        self.search, self.parts = search, parts
-        self._known: dict[frozenset[str], tuple[PlanarOptimum, HeldOut]] = {}
-
-    def held_out(self, fitted: PlanarOptimum) -> HeldOut:
-        """Held-out predictions of a model."""
-        key = frozenset(effect.key for effect in fitted.effects)
-        known = self._known.get(key)
-        if known is None or known[0] is not fitted:
-            known = self._known[key] = fitted, held_out(self.parts, fitted, self.search.line(fitted))
-        return known[1]
-
-    def tested(self, model: PlanarOptimum, effect: Effect) -> tuple[Finding, float]:
-        """What the tests say of one ``effect`` of the ``model``, and the growth of held-out simulation errors with it.
-
-        The estimate is that of the search. The growth is certain and relative; see `certain_growth`.
-        """
-        search = self.search
-        rest = search.without(model, effect)
-        gain, bic_gain = rest.value - model.value, search.score(model) - search.score(rest)
-        with_it, without = self.held_out(model), self.held_out(rest)
-        held_out_gain = with_it.log_likelihood - without.log_likelihood
-        estimate = model.effect_estimate(effect)
-        errors = size_in_errors(effect, estimate.values, estimate.covariance, model.coordinates.sizes.effects)
-        # Other causes in the place of ``effect``, best first.
-        found: dict[str, OtherCause] = {}
-        for one in search.replacements(model, effect):
-            other = one.effects[-1]
-            if other.id != effect.id and not search.is_banned(one):
-                found.setdefault(other.id, OtherCause(other, search.score(one) - search.score(rest)))
-        others = tuple(found.values())
-        close = bic_gain - THRESHOLDS.tie(max(bic_gain, 0.0))
-        equivalent = tuple(one.effect for one in others if one.bic_gain > close)
-        # Correlated innovations count as fewer: by the sandwich errors, the gain is half the square of the distance.
-        robust = bic_gain if model.is_white else min(bic_gain, 0.5 * errors**2)
-        gains = {effect.id: robust} | {one.effect.id: one.bic_gain + robust - bic_gain for one in others}
-        cap = probability_not_a_stand_in(held_out_gain, robust, white=model.is_white)
-        names = [effect.id, *(one.id for one in equivalent)]
-        probability = recalibrated(
-            posterior_probability(gains, names, search.causes_tried, cap=cap), white=model.is_white
-        )
-        finding = Finding(
-            effect=effect,
-            estimate=estimate,
-            gain=gain,
-            bic_gain=bic_gain,
-            held_out_gain=held_out_gain,
-            standard_errors=errors,
-            probability=min(probability, THRESHOLDS.max_probability),
-            alternatives=others,
-            indistinguishable=equivalent,
-            white=model.is_white,
-        )
-        return finding, certain_growth(with_it.by_part, without.by_part)
-
-
-def _is_at_bound(fitted: PlanarOptimum, effect: Effect) -> bool:
-    """Whether a parameter of ``effect`` is at a bound that is not its neutral value."""
-    for value, parameter in zip(fitted.x[fitted.place(effect)].tolist(), effect.parameters, strict=True):
-        span = 1e-3 * (parameter.high - parameter.low)
-        for bound in (parameter.low, parameter.high):
-            if abs(value - bound) <= min(span, 1e-3 * max(abs(bound), 1e-3)) and bound != parameter.neutral:
-                return True
-    return False
-
-
-def _rejection(fitted: PlanarOptimum, tested: Finding, growth: float) -> str:
-    """Why a cause is never claimed; empty where it passes."""
-    if tested.held_out_gain <= THRESHOLDS.min_held_out_gain:
-        return f"fits these logs but predicts held-out parts worse (log-likelihood {tested.held_out_gain:.1f})"
-    if _is_at_bound(fitted, tested.effect):
-        return "would be larger than is physically plausible"
-    if tested.standard_errors < THRESHOLDS.min_standard_errors:
-        return f"differs from nothing by only {tested.standard_errors:.1f} standard errors"
-    if growth > THRESHOLDS.held_out_growth:
-        return f"makes the errors of held-out simulations {100.0 * growth:.0f} % larger"
-    if tested.probability < THRESHOLDS.likely:
-        return "is possible, but not established"
-    return ""
-
-
-def _validated(
-    search: PlanarSearch, gate: _Gate, model: PlanarOptimum
-) -> tuple[PlanarOptimum, list[Finding], list[str]]:
-    """The model with causes that pass the gate, the tests of them and of those that were likely at most, messages."""
-    messages: list[str] = []
-    for _ in range(THRESHOLDS.max_rejections):
-        tested = [gate.tested(model, effect) for effect in search.causes(model)]
-        tested.sort(key=lambda one: one[0].bic_gain)
-        failed = next(((one, why) for one, growth in tested if (why := _rejection(model, one, growth))), None)
-        if failed is None:
-            return model, [one for one, _ in tested], messages
-        one, why = failed
-        messages.append(f"{one.effect.title} {why}: it is not claimed.")
-        search.banned.add(one.effect.key)
-        rest = search.without(model, one.effect)
-        model = rest if search.budget.is_late else search.challenged(search.run(search.polish(rest)))
-    for effect in search.causes(model):
-        if why := _rejection(model, *gate.tested(model, effect)):
-            messages.append(f"{effect.title} {why}: it is not claimed.")
-            model = search.polish(search.without(model, effect))
-    return model, [gate.tested(model, effect)[0] for effect in search.causes(model)], messages
-
-
 # --- Result -----------------------------------------------------------------------------------------------------------
 
 
 def _result(
-    search: PlanarSearch,
-    parts: Parts,
-    model: PlanarOptimum,
-    tested: Sequence[Finding],
-    messages: Sequence[str],
-    likelier: Sequence[Finding],
+    gate: Gate, model: PlanarOptimum, tested: Sequence[Finding], messages: Sequence[str], likelier: Sequence[Finding]
 ) -> PlanarDiagnosis:
     """The result; ``likelier`` are the causes by the likelihood, where free-running simulations replaced it."""
-    gate, data = _Gate(search, parts), search.data
+    search, parts, data = gate.search, gate.parts, gate.search.data
     late = bool(search.budget.not_tried)
     # Where the base model is not exact, a coupling of another form may fit as well as the true one.
     formless = [one for one in tested if model.is_multi_step and isinstance(one.effect.acts, Coupling)]
@@ -264,11 +152,8 @@ def _result(
     apart, others = _contradicted(tested, likelier), " and ".join(one.effect.title for one in likelier)
     messages += [_DISAGREED.format(one.effect.title, others) for one in apart]
     sure = [one for one in tested if one.probability >= THRESHOLDS.established and one not in (*formless, *apart)]
-    established = [] if late else sure
-    final = model
-    for one in tested:
-        if one not in established:
-            final = search.polish(search.without(final, one.effect))
+    established, final, worse = gate.established(model, tested, [] if late else sure)
+    messages += worse
     search.budget.report("Fitting all readings …")
     fit = planar_result(data, refined(final, data))
     base_fit = fit if not search.causes(final) else planar_result(data, search.base)
@@ -314,7 +199,7 @@ def _result(
         extended=PlanarAssessment(fit=fit, held_out=scores),
         findings=tuple(sorted(findings, key=lambda one: -one.gain)),
         suspects=tuple(sorted(suspects, key=lambda one: -one.probability)[:_MOST_SUSPECTS]),
-        challengers=search.challengers(final),
+        challengers=challengers(search, final),
         unexplained_shares=_unexplained(fit, final),
         noise_floors=floors.rmse,
         heading_floors=floors.heading_errors,
@@ -343,7 +228,7 @@ def _as_suspect(probability: float) -> float:
     return min(probability, THRESHOLDS.max_suspect_probability)
 
 
-def _further(search: PlanarSearch, gate: _Gate, model: PlanarOptimum, known: Collection[str]) -> list[Finding]:
+def _further(search: PlanarSearch, gate: Gate, model: PlanarOptimum, known: Collection[str]) -> list[Finding]:
     """Suspects next to the model: causes that gain too little to be added, or failed a test."""
     found: list[Finding] = []
     if search.budget.is_late:
@@ -356,11 +241,13 @@ def _further(search: PlanarSearch, gate: _Gate, model: PlanarOptimum, known: Col
             continue
         if search.score(fitted) - search.score(model) <= 0.0:
             break
-        one, _ = gate.tested(fitted, effect)
+        one, growths = gate.tested(fitted, effect)
         probability = _as_suspect(one.probability)
         if probability < THRESHOLDS.possible or one.standard_errors < THRESHOLDS.min_standard_errors_suspect:
             continue
-        if one.held_out_gain <= THRESHOLDS.min_held_out_gain or _is_at_bound(fitted, effect):
+        if one.held_out_gain <= THRESHOLDS.min_held_out_gain or is_at_bound(fitted, effect):
+            continue
+        if max(growths.values()) > THRESHOLDS.held_out_growth:
             continue
         estimate = planar_result(search.data, fitted).estimate.only(effect.parameter_names)
         found.append(replace(one, estimate=estimate, probability=probability))

@@ -8,7 +8,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.effects import PLANAR_FORMS, Effect, effect_named, forms_for
+from rovid.effects import ANGLE_FORMS, PLANAR_FORMS, Effect, effect_named, forms_for
 from rovid.effects.base import Actuating, Coupling, WaterCurrent
 from rovid.estimate.fisher_information import inverse_information
 from rovid.planar.dataset import PlanarData, has_hidden_sway
@@ -149,6 +149,7 @@ def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
     channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
     acting = forms_for(thrusters, channels, [run.name for run in data.runs])
     actuators = [form for form in acting if isinstance(form.acts, Actuating) and not form.begins_at_instant]
+    actuators += ANGLE_FORMS if len(data.actuators.angle_columns) else ()
     if not {"surge_velocity", "sway_velocity", "north", "east"} & set(data.sensors):
         return tuple(actuators)
     is_ship = bool(data.actuators.rudders)

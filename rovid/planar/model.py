@@ -246,8 +246,7 @@ class PlanarActuators:
         """The actuators of ``vehicle``, as they are used in ``trials``."""
         changes = sum(np.count_nonzero(np.diff(trial.commands, axis=0), axis=0) for trial in trials)
         is_angle = np.array([one.is_angle for one in vehicle.thrusters])
-        of_angles, of_thrusts = np.sum(changes * is_angle), np.sum(changes * ~is_angle)
-        return cls(vehicle, steered=bool(of_thrusts < _STEERED * of_angles))
+        return cls(vehicle, steered=bool(np.sum(changes * ~is_angle) < _STEERED * np.sum(changes * is_angle)))
 
     @cached_property
     def thruster_columns(self) -> IntArray:
@@ -303,13 +302,14 @@ class PlanarActuators:
         return [(names.index(one.turns), at) for at, one in enumerate(self.angles.thrusters) if one.turns]
 
     def _is_of_steering(self, one: BoundEffect) -> bool:
-        return self.steered and isinstance(one.effect.acts, OnCommand) and not _is_of_time(one)
+        is_steering = self.steered and not _is_of_time(one)
+        return isinstance(one.effect.acts, OnCommand) and (is_steering or one.effect.acts.of_angles)
 
     def forces(self, commands: "PlanarCommands", effects: Sequence[BoundEffect] = ()) -> PlanarForces:
         """Forces of one trial, with the ``effects`` between command and thrust.
 
-        Effects of time (delay, lag, clock offset) act on angles, too; effects on commands where the vehicle is
-        ``steered``. All others act on thrusters alone.
+        Effects of time (delay, lag, clock offset) act on angles, too. Forms of angles act on these alone, and so do
+        effects on commands where the vehicle is ``steered``. All others act on thrusters alone.
         """
         on_angles = [one for one in effects if _is_of_time(one) or self._is_of_steering(one)]
         on_thrusts = [one for one in effects if not self._is_of_steering(one)]

@@ -8,7 +8,7 @@ of some ten for each parameter. Every fit begins at the model that it extends, a
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -18,7 +18,6 @@ from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget
 from rovid.core.errors import DataError
 from rovid.core.threads import thread_map
-from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import PLANAR_FORMS, Effect
 from rovid.effects.base import WaterCurrent
@@ -37,8 +36,8 @@ from rovid.planar.optimum import (
 
 # Share of the way from the neutral value to an initial value at which a score test takes its difference quotient.
 _PROBE = 0.05
-# Steps with a complete Jacobian, after a chord fit that is kept.
-_POLISH = 6
+# Most steps with a complete Jacobian, after a chord fit that is kept.
+_POLISH = 20
 # Best forms of the first screens, whose causes later screens test.
 _HOPEFUL = 10
 # Starts of a current: speeds in RMS speeds ahead, and number of directions.
@@ -70,7 +69,17 @@ class PlanarSearch:
     _tests: dict[Key, list[PlanarScoreTest]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.fits[_key(self.base.effects)] = self.base
+        self._keep(self.base)
+        self._polished.add(_key(self.base.effects))
+
+    def _keep(self, fitted: PlanarOptimum) -> PlanarOptimum:
+        """Remember a fit in place of an earlier one of the same model."""
+        key = _key(fitted.effects)
+        self.fits[key] = fitted
+        self._polished.discard(key)
+        if key == _key(self.base.effects):
+            self.base = fitted
+        return fitted
 
     def causes(self, fitted: PlanarOptimum) -> tuple[Effect, ...]:
         """Effects of a model beyond those of the base model."""
@@ -247,22 +256,20 @@ class PlanarSearch:
             return PlanarOptimum(likelihood, points[0], values[0])
 
     def without(self, fitted: PlanarOptimum, effect: Effect) -> PlanarOptimum:
-        """The fit of a model without one of its effects."""
-        left = tuple(one for one in fitted.effects if one.key != effect.key)
-        key = _key(left)
-        if key not in self.fits:
-            coordinates, x, columns = coordinates_without(fitted, effect)
-            likelihood = fitted.likelihood.with_coordinates(coordinates)
-            self.fits[key] = chord_fit(
-                likelihood, coordinates.projected(x), self.line(fitted).matrix[:, columns].copy()
-            )
-        return self.fits[key]
+        """The fit of a model without one of its effects, no less likely than that model with the effect left out."""
+        coordinates, x, columns = coordinates_without(fitted, effect)
+        key, x = _key(coordinates.effects), coordinates.projected(x)
+        likelihood, known = fitted.likelihood.with_coordinates(coordinates), self.fits.get(key)
+        if known is None or likelihood.value(x) < known.value - THRESHOLDS.search_tolerance:
+            self._tests.pop(key, None)
+            known = self._keep(chord_fit(likelihood, x, self.line(fitted).matrix[:, columns].copy()))
+        return known
 
     def polish(self, fitted: PlanarOptimum) -> PlanarOptimum:
         """The model after some steps with complete Jacobians."""
         key = _key(fitted.effects)
         if key not in self._polished or self.fits.get(key) is not fitted:
-            self.fits[key] = PlanarOptimum.fit(fitted.likelihood, fitted.x, _POLISH)
+            self._keep(PlanarOptimum.fit(fitted.likelihood, fitted.x, _POLISH))
             self._polished.add(key)
         return self.fits[key]
 
@@ -377,19 +384,6 @@ class PlanarSearch:
     def is_banned(self, fitted: PlanarOptimum) -> bool:
         """Whether a model has a banned effect."""
         return any(effect.key in self.banned for effect in fitted.effects)
-
-    def challengers(self, model: PlanarOptimum) -> tuple[Challenger, ...]:
-        """Other fitted sets of causes, the closest to the ``model`` first."""
-        found = []
-        for fitted in self.fits.values():
-            if self.causes(fitted) and _key(fitted.effects) != _key(model.effects):
-                gain = model.value - fitted.value
-                found.append(Challenger(self.causes(fitted), gain, gain - (self.score(fitted) - self.score(model))))
-        found.sort(key=lambda one: -one.score_difference)
-        shown: dict[Collection[str], Challenger] = {}
-        for one in found:
-            shown.setdefault(frozenset(one.causes), one)
-        return tuple(shown.values())[: THRESHOLDS.challengers_shown]
 
 
 def _wanders(effect: Effect) -> bool:

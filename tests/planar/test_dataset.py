@@ -13,6 +13,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
 from rovid.effects.catalogue import effect_named
 from rovid.model.bound_effects import BoundEffect
+from rovid.planar.effect_fits import planar_candidates
 from rovid.planar.model import SENSORS
 from rovid.trial.config import load_config, load_planar_config
 from tests.planar.campaign import CURVE, PORT_AND_STARBOARD, SIGNALS, Motion, read, stamps_of, write_campaign, write_log
@@ -185,6 +186,8 @@ def test_a_rudder_keeps_its_angle_and_knows_its_screw(tmp_path: Path) -> None:
         ("slew_limit", 0.05, lambda time, angle: np.minimum(angle, 0.05 * np.maximum(time, 0.0))),
         ("command_delay", 0.5, lambda time, angle: np.where(time < 0.5, 0.0, angle)),
         ("thruster_lag", 2.0, lambda time, angle: angle * (1.0 - np.exp(-np.maximum(time, 0.0) / 2.0))),
+        ("slew_limit:angle", 0.05, lambda time, angle: np.minimum(angle, 0.05 * np.maximum(time, 0.0))),
+        ("thruster_lag:angle", 2.0, lambda time, angle: angle * (1.0 - np.exp(-np.maximum(time, 0.0) / 2.0))),
     ],
 )
 def test_the_gear_of_a_rudder_is_slow(
@@ -205,6 +208,18 @@ def test_the_gear_of_a_rudder_is_slow(
     angle = expected(middle, np.where(middle < 0.0, 0.0, 0.4))
     np.testing.assert_allclose(forces.angle[:-1, 0][away], angle[away], atol=1e-3)
     assert np.ptp(forces.force[:, 0]) < 1e-9
+
+
+@pytest.mark.parametrize(("effect", "size"), [("slew_limit:angle", 0.05), ("thruster_lag:angle", 2.0)])
+def test_a_slow_gear_leaves_thrust_as_it_is(effect: str, size: float, tmp_path: Path) -> None:
+    write_campaign(tmp_path, SHIP, logs=1)
+    data = read(tmp_path)
+    assert not data.actuators.steered
+    assert effect in {form.key for form in planar_candidates(data)}
+    plain, slow = (data.runs[0].forces(one) for one in ((), [BoundEffect(effect_named(effect), np.array([size]))]))
+    np.testing.assert_allclose(slow.force, plain.force, atol=1e-9)
+    np.testing.assert_allclose(slow.slipstream_thrust, plain.slipstream_thrust, atol=1e-9)
+    assert np.std(slow.angle - plain.angle) > 0.5 * np.std(plain.angle)
 
 
 def test_a_yaw_rate_stands_in_for_a_heading(tmp_path: Path) -> None:

@@ -11,16 +11,28 @@ import pytest
 
 from rovid.core.budget import Budget
 from rovid.core.errors import DataError
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations, Jacobian
-from rovid.planar.dataset import planar_data
+from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import _agreeing, _contradicted, diagnose_planar
 from rovid.planar.fit import fit_base
+from rovid.planar.held_out import PlanarScores
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
+from rovid.planar.validation import Gate
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.trial.trial import Campaign
 from tests.planar.vehicles import box_rov, campaign
+
+Small = tuple[PlanarData, PlanarOptimum]
+
+
+@pytest.fixture(scope="module")
+def small() -> Small:
+    """A vehicle in still water, and the fit without effects."""
+    data = campaign(box_rov(3), runs=2, levels=6, hold=4.0, seed=2)
+    return data, fit_base(data)
 
 
 @pytest.mark.slow
@@ -74,9 +86,8 @@ def test_a_filter_that_diverges_next_to_the_optimum_is_refused() -> None:
         Linearisation.of(optimum)
 
 
-def test_a_candidate_that_diverges_loses_and_the_search_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    data = campaign(box_rov(3), runs=2, levels=6, hold=4.0, seed=2)
-    base = fit_base(data)
+def test_a_candidate_that_diverges_loses_and_the_search_goes_on(small: Small, monkeypatch: pytest.MonkeyPatch) -> None:
+    data, base = small
     search = PlanarSearch(data, base, (effect_named("current"),), Budget())
     (test,) = search.screen(base)
     linearised = Linearisation.of
@@ -91,6 +102,46 @@ def test_a_candidate_that_diverges_loses_and_the_search_goes_on(monkeypatch: pyt
     assert candidate.value == pytest.approx(base.value)
     assert not search.is_usable(candidate)
     assert search.run(base) is base
+
+
+def test_a_model_is_no_less_likely_than_it_is_within_a_larger_one(small: Small) -> None:
+    (data, base), effect = small, effect_named("bias_torque:planar")
+    at, coordinates = base.coordinates.noise_begin, base.coordinates.with_effect(effect)
+    likelihood, x = base.likelihood.with_coordinates(coordinates), np.insert(base.x, at, np.zeros(3))
+    larger = PlanarOptimum(likelihood, x, likelihood.value(x))
+    # A fit that ended early, 0.3 from the optimum in the logarithm of the inertia of yaw.
+    early = base.x + 0.3 * (np.arange(len(base.x)) == 2)
+    start = PlanarOptimum(base.likelihood, early, base.likelihood.value(early))
+    search = PlanarSearch(data, start, (effect,), Budget())
+    assert search.base.value > base.value + 10.0
+    rest = search.without(larger, effect)
+    assert rest.value <= base.value + THRESHOLDS.search_tolerance
+    assert search.base is rest
+
+
+@pytest.mark.parametrize(("heading", "rate", "text"), [(1.31, 0.8, "heading after 10 s is 31 %"), (0.9, 1.05, "rate")])
+def test_no_cause_is_established_that_makes_held_out_errors_larger(heading: float, rate: float, text: str) -> None:
+    """One test of all parts together, because a few bad parts are no certain growth."""
+
+    def scores(scale: float, of_rate: float) -> PlanarScores:
+        rmse = {"surge_velocity": 0.1, "yaw_rate": 0.01 * of_rate}
+        return PlanarScores(log_likelihood=0.0, rmse=rmse, heading_errors={10.0: 0.1 * scale, 60.0: 0.3})
+
+    lag = named("thruster_lag")
+    nothing, model = (SimpleNamespace(effects=effects) for effects in ((), (lag.effect,)))
+    search: Any = SimpleNamespace(base=nothing, polish=lambda one: one, without=lambda *_: nothing)
+    parts: Any = None
+
+    def established(own: PlanarScores) -> tuple[Any, Any, Any]:
+        gate: Any = Gate(search, parts)
+        gate.held_out = lambda one: SimpleNamespace(scores=own if one is model else scores(1.0, 1.0))
+        found: tuple[Any, Any, Any] = gate.established(model, [lag], [lag])
+        return found
+
+    found, final, (message,) = established(scores(heading, rate))
+    assert (found, final) == ([], nothing)
+    assert text in message
+    assert established(scores(0.9, 0.8)) == ([lag], model, [])
 
 
 def named(effect: str, *rivals: str) -> Any:
