@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.core.array_types import BoolArray
+from rovid.core.array_types import FloatArray
 from rovid.faults.base import CommandData, Detection, Detectors
 from rovid.trial.fault import Fault
 
@@ -21,7 +21,7 @@ _SHORT, _MAX_LOSSES = 2, 0.5
 
 def _detect(data: CommandData) -> Iterator[Detection[CommandData]]:
     absent = np.isnan(data.values)
-    if not data.sparse or not absent.any() or not _is_zero(data, absent):
+    if not data.sparse or not absent.any() or not is_zero(data.values):
         return
     at = max(0.0, float(data.time[int(np.argmax(absent))] - data.measured[0]))
     count = int(np.count_nonzero(absent))
@@ -36,11 +36,15 @@ def _detect(data: CommandData) -> Iterator[Detection[CommandData]]:
     yield Detection(fault=fault, done="It was taken as zero there.", repair=lambda data: replace(data, values=values))
 
 
-def _is_zero(data: CommandData, absent: BoolArray) -> bool:
-    """Whether the field is absent where it is zero, rather than lost, or published at a lower rate or on change."""
+def is_zero(values: FloatArray) -> bool:
+    """Whether the field is absent where it is zero, rather than lost, or published at a lower rate or on change.
+
+    ``values``: (n,) of all messages, NaN where absent.
+    """
+    absent = np.isnan(values)
     if absent.all():
         return True
-    if np.any(data.values == 0.0):
+    if np.any(values == 0.0):
         return False
     edges = np.flatnonzero(np.diff(absent, prepend=~absent[0], append=~absent[-1]))
     lengths, is_absent = np.diff(edges), absent[edges[:-1]]
@@ -49,7 +53,7 @@ def _is_zero(data: CommandData, absent: BoolArray) -> bool:
     inner = np.flatnonzero(is_absent[1:-1]) + 1  # Runs without the field between two with it.
     if not inner.size:
         return True
-    before, after = data.values[edges[inner] - 1], data.values[edges[inner + 1]]
+    before, after = values[edges[inner] - 1], values[edges[inner + 1]]
     losses = (lengths[inner] <= _SHORT) & (before == after)
     return bool(np.mean(losses) <= _MAX_LOSSES)
 

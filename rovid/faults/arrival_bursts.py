@@ -2,7 +2,8 @@
 
 A pack is a run of readings that follow each other in less than a fifth of the mean interval. Packs of about equal
 length over equal times come from a regular sensor: its interval is the time from pack to pack over the number of
-readings. The last reading of a pack keeps its stamp; the others are spread back to the pack before.
+readings. A pack arrives after its last reading was taken: that reading gets the first stamp of the pack, and the others
+are spread back to the pack before.
 """
 
 from collections.abc import Iterator
@@ -89,7 +90,8 @@ def _sent_again(data: ClockData, lasts: IntArray) -> bool:
 def _spread(data: ClockData, lasts: IntArray, usual: float) -> ClockData:
     """The readings on one line, where it passes the last ones of all packs; else even within each pack."""
     rows = np.arange(len(data.time))
-    ends, sizes = data.time[lasts].copy(), np.diff(lasts, prepend=-1)
+    sizes = np.diff(lasts, prepend=-1)
+    ends = data.time[lasts + 1 - sizes]
     # The last pack may have been sent before it was full.
     ends[-1] = ends[-2] + usual * sizes[-1]
     line = np.polynomial.Polynomial.fit(lasts, ends, 1)

@@ -3,9 +3,14 @@
 Rule: a curve is measured over the commands that the drive accepts. A vehicle is at times given more than was tested,
 by some tens of percent, but not 1.5 half widths of the curve for a tenth of its commands. Nor is it driven through a
 whole campaign with less than a fiftieth of the curve: the thrust, about the square of it, would be nothing.
+
+Or some logs have the time in another unit than the others: their intervals and their durations are both about a
+thousand times longer or shorter. A log at another rate has other intervals, and not another duration by as much.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 from itertools import groupby
 
 import numpy as np
@@ -13,6 +18,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CampaignData, Detection, Detectors, named
 from rovid.trial.fault import Fault
+from rovid.trial.trial import Trial
 from rovid.trial.vehicle import FAR_OUTSIDE, ThrustCurve, Thruster
 
 # Share of a log's commands, without zeros, that are far outside the curve.
@@ -29,6 +35,10 @@ _UNITS = {
 }
 _PULSE = "microseconds of pulse width"
 _PULSE_RANGE, _PULSE_MIDDLE, _PULSE_HALF = (700.0, 2300.0), 1500.0, 400.0
+# Fewest logs with a majority. Powers of a thousand between units of time: seconds, ms, us and ns. Largest factors by
+# which rates and durations of logs differ besides.
+_MIN_LOGS = 3
+_POWERS, _OTHER_RATE, _OTHER_DURATION = (-3, -2, -1, 1, 2, 3), 3.0, 20.0
 
 
 def _detect(data: CampaignData) -> Iterator[Detection[CampaignData]]:
@@ -45,6 +55,35 @@ def _detect(data: CampaignData) -> Iterator[Detection[CampaignData]]:
         drives = " and ".join(dict.fromkeys(drive for _, _, drive in items))
         fault = Fault(fault="unit_mismatch", logs=logs, text=f"{named(logs)}: commands of {drives} {text}", stops=True)
         yield Detection(fault=fault)
+
+
+def _detect_time(data: CampaignData) -> Iterator[Detection[CampaignData]]:
+    """Logs whose time is in another unit than that of most logs."""
+    parts: dict[str, list[Trial]] = {}
+    for trial in data.trials:
+        parts.setdefault(trial.parent or trial.name, []).append(trial)
+    logs = [*parts]
+    if len(logs) < _MIN_LOGS:
+        return
+    intervals = np.array([np.median([trial.sampling_interval for trial in own]) for own in parts.values()])
+    durations = np.array([sum(trial.duration for trial in own) for own in parts.values()])
+    for power in _POWERS:
+        factor = 1000.0**power
+        odd = np.abs(np.log(intervals / np.median(intervals) / factor)) < np.log(_OTHER_RATE)
+        odd &= np.abs(np.log(durations / np.median(durations) / factor)) < np.log(_OTHER_DURATION)
+        for at in np.flatnonzero(odd).tolist():  # Fewer than half: the medians are those of the others.
+            how = f"{1000 ** abs(power)} times as {'long' if power > 0 else 'short'}"
+            text = (
+                f"{logs[at]}: its time is in another unit than that of the other logs. Its intervals of "
+                f"{intervals[at]:.3g} s and its duration of {durations[at]:.3g} s are about {how}."
+            )
+            fault = Fault(fault="unit_mismatch", logs=(logs[at],), text=text, size=factor, remedy="set_aside")
+            done = "It was set aside: convert its stamps, because the unit of time in rovid.toml holds for all logs."
+            yield Detection(fault=fault, done=done, repair=partial(_without, log=logs[at]))
+
+
+def _without(data: CampaignData, log: str) -> CampaignData:
+    return replace(data, trials=[trial for trial in data.trials if log not in {trial.parent, trial.name}])
 
 
 def _mismatched(
@@ -103,4 +142,4 @@ def _full(unit: str) -> float:
     return _UNITS[unit][2]
 
 
-DETECTORS: Detectors = {"campaign": (_detect,)}
+DETECTORS: Detectors = {"campaign": (_detect_time, _detect)}

@@ -10,9 +10,10 @@ import numpy as np
 
 from rovid.core.errors import DataError, RovidError
 from rovid.core.input_files import list_files
+from rovid.faults.absent_zero import is_zero
 from rovid.preflight.clock_alignment import align_clocks
 from rovid.preflight.command_effects import response_delay
-from rovid.preflight.raw_columns import RawColumn, word_list
+from rovid.preflight.raw_columns import RawColumn, is_thruster_command, word_list
 from rovid.preflight.signal_guess import ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints
 from rovid.readers.csv_dialect import read_layout
@@ -167,6 +168,8 @@ def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[st
         known = is_plausible(channel.time)
         if known.any():
             values = np.where(is_plausible(channel.values), channel.values, np.nan)
+            if raw.sparse and is_thruster_command(channel.source) and is_zero(values):
+                values = np.nan_to_num(values)
             columns[channel.source] = RawColumn(
                 source=channel.source, time=channel.time[known], values=values[known], radians=channel.radians
             )

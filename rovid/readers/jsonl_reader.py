@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -83,23 +84,36 @@ def read(path: Path, config: Config) -> RawLog:
 
 
 def sources(path: Path) -> LogContents:
-    """The time, and every other key of numbers or orientations in the first objects."""
+    """The time, and every other key of numbers or orientations in the first objects and in some later ones."""
     sample = [one for _, one in islice(_objects(path, []), _SAMPLE)]
     if not sample:
         raise wrong_format(path, "JSON, one object a line")
-    names = dict.fromkeys(name for one in sample for name in (*numeric_fields(one, "", stamps=True), *one))
+    # A field may be absent at first, as a command of zero.
+    every = [*sample, *_later_objects(path)]
+    names = dict.fromkeys(name for one in every for name in (*numeric_fields(one, "", stamps=True), *one))
     numbers = {}
     for name in names:
         get = getter(_steps(sample[0], name), mapping=True)
-        values = [_value(get, one) for one in sample]
+        values = [_value(get, one) for one in every]
         if any(isinstance(value, int | float) for value in values) and not any(isinstance(v, str) for v in values):
-            numbers[name] = np.array([np.nan if value is None else float(value) for value in values])
+            numbers[name] = np.array([np.nan if value is None else float(value) for value in values[: len(sample)]])
     dated = [name for name, value in sample[0].items() if isinstance(value, str) and value[:4].isdigit()]
     clock = guess_clock(numbers, dated)
     # Orientations have no single number.
     listed = [name for name in names if name in numbers or name not in sample[0]]
     own = {clock, *clock.split(SPLIT)}
     return LogContents(clock=clock, sources=tuple(name for name in listed if name not in own))
+
+
+def _later_objects(path: Path) -> Iterator[dict[str, Any]]:
+    """Objects at even distances over the file."""
+    with path.open("rb") as file:
+        for place in np.linspace(0.0, path.stat().st_size, _SAMPLE, endpoint=False).astype(int).tolist():
+            file.seek(place)
+            file.readline()  # The rest of a line.
+            with suppress(ValueError, RecursionError):
+                if isinstance(one := json.loads(file.readline()), dict):
+                    yield one
 
 
 def _objects(path: Path, lost: list[int]) -> Iterator[tuple[int, dict[str, Any]]]:

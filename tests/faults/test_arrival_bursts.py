@@ -31,6 +31,7 @@ def test_packs_are_spread(size: int, interval: float, share: float) -> None:
     assert fault.standard_error is not None
     assert abs(fault.size - interval) < 4.0 * fault.standard_error
     np.testing.assert_allclose(np.diff(data.time), interval, rtol=0.02)
+    np.testing.assert_allclose(data.time, time, atol=0.02 * interval)
 
 
 @pytest.mark.parametrize("seed", range(5))

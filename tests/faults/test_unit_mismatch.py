@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,7 @@ def examined(commands: FloatArray, low: float, high: float, *, clamp: bool = Fal
     points = ThrustCurve(command=np.array([low, high]), thrust=np.array([-20.0, 20.0]))
     vehicle = Vehicle(name="v", thrusters=(Thruster(name="fore", arm=0.4, curve=points, clamp=clamp),))
     data = CampaignData(trials=[trial(TIME, commands, name=name) for name in ("a", "b")], vehicle=vehicle)
-    return [detection.fault for detection in DETECTORS["campaign"][0](data)]
+    return [detection.fault for detection in DETECTORS["campaign"][1](data)]
 
 
 def commands(unit: str, share: float = 1.0) -> FloatArray:
@@ -69,3 +71,17 @@ def test_clamp_is_advised_near_the_curve_only() -> None:
         with pytest.raises(ConfigError) as error:
             vehicle.torque(trial(TIME, largest * SINE))
         assert ("clamp" in str(error.value)) == is_advised
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_a_log_whose_time_is_in_another_unit(factor: float) -> None:
+    """A rate or a length of its own shows no other unit."""
+    logs = [trial(TIME[::step], SINE[::step], name=f"{step}") for step in (1, 2, 3)]
+    data = CampaignData(trials=[*logs, trial(factor * TIME, SINE, name="odd")], vehicle=Vehicle(name="v", thrusters=()))
+    detect = DETECTORS["campaign"][0]
+    (found,) = detect(data)
+    assert (found.fault.logs, found.fault.size) == (("odd",), factor)
+    assert [each.name for each in found.repair(data).trials] == ["1", "2", "3"]
+    long = trial(np.linspace(0.0, 4e4, 40_000), np.zeros(40_000), name="long")
+    slow = trial(100.0 * TIME[::10], SINE[::10], name="slow")
+    assert not list(detect(replace(data, trials=[*logs, long, slow])))

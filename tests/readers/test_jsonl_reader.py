@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rovid.core.errors import LogError
+from rovid.preflight.log_reading import read_columns
 from rovid.preflight.log_survey import survey
 from rovid.readers import jsonl_reader, read_log
 from rovid.trial.trial import Trial
@@ -89,6 +90,18 @@ def test_objects_of_several_topics(tmp_path: Path) -> None:
     lines = [{"topic": "thrust", "t": -0.001, "u": [0.0, 2.0]}]
     lines += [{"topic": "ins", "t": t, "heading": h % 360.0} for t, h in pairs]
     assert_run(read(tmp_path, json_lines(lines)))
+
+
+def test_a_command_that_is_left_out_where_it_is_zero(tmp_path: Path) -> None:
+    """The command begins after the objects from which the contents are first listed."""
+    time, command = 0.1 * np.arange(600), np.where(np.arange(600) % 500 < 400, 0.0, 30.0)
+    lines = [
+        {"t": t, "heading": t, "motors": {"aft": 5.0} | ({"port_cmd": u} if u else {})}
+        for t, u in zip(time.tolist(), command.tolist(), strict=True)
+    ]
+    (tmp_path / "a.jsonl").write_bytes(json_lines(lines))
+    _, columns, _ = read_columns(tmp_path / "a.jsonl")
+    np.testing.assert_array_equal(columns["motors.port_cmd"].values, command)
 
 
 @pytest.mark.parametrize(
