@@ -13,9 +13,8 @@ from rovid.estimate.inner_loop import find_inner_loop
 from rovid.estimate.steady_drag import DragFit
 from rovid.faults.base import named, resolve
 from rovid.faults.catalogue import examine_runs
-from rovid.faults.clocks_apart import response_delay
 from rovid.preflight.advice import Advice, advise, feedback_text
-from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffsets
+from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.clock_offsets import estimate_clock_offsets
 from rovid.preflight.command_effects import ThrusterCheck, all_reversed, check_thrusters
 from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback, detect_feedback
@@ -111,7 +110,7 @@ def check_trials(
         prepared = {id(run.trial) for run in runs}
         trials = [*(run.trial for run in kept), *(trial for trial in trials if id(trial) not in prepared)]
     feedback = detect_feedback(trials, vehicle)
-    clocks = _confirmed_offsets(estimate_clock_offsets(trials, config), trials, vehicle)
+    clocks = estimate_clock_offsets(trials, config)
     thrusters = check_thrusters(trials, vehicle)
     advice = advise(trials, vehicle, feedback, clocks, thrusters, config.faults, all_read=not problems)
     # The quick model and a fit find the same inertia.
@@ -124,16 +123,6 @@ def check_trials(
         thrusters=tuple(thrusters),
         faults=(*faults, *more, *_clock_faults(clocks, more, config)),
     )
-
-
-def _confirmed_offsets(clocks: ClockOffsets, trials: Sequence[Trial], vehicle: Vehicle) -> ClockOffsets:
-    """``clocks`` without early responses that all logs together do not show, as of a vehicle that drifts at rest."""
-    if not any(clock.certain and not clock.by for clock in clocks.offsets):
-        return clocks
-    found = response_delay(prepare(Campaign(trials=tuple(trials), sources=()), vehicle).items)
-    is_early = found is not None and found.delay < -SIGNIFICANT * found.error
-    kept = [clock for clock in clocks.offsets if clock.by or not clock.certain or is_early]
-    return replace(clocks, offsets=tuple(kept))
 
 
 def _clock_faults(clocks: ClockOffsets, found: Sequence[Fault], config: Config) -> Iterator[Fault]:

@@ -26,7 +26,7 @@ from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, fit_innovations
 from rovid.estimate.nested_fits import fit_with_effects
 from rovid.estimate.output_error import fit_output_error
-from rovid.faults.clocks_apart import coarse_delays
+from rovid.faults.clocks_apart import coarse_delays, response_delay
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.formats import all_channels, relative_name
@@ -92,6 +92,8 @@ def estimate_clock_offsets(trials: Sequence[Trial], config: Config) -> ClockOffs
     offsets = _pooled(aligned, starts, config)
     for clock in _pooled(responses, starts, config, scatter):
         offsets.append(replace(clock, error=math.hypot(clock.error, interval)))
+    if any(clock.certain and not clock.by for clock in offsets) and not _are_early(joined, config.vehicle):
+        offsets = [clock for clock in offsets if clock.by or not clock.certain]
     return ClockOffsets(offsets=tuple(replace(clock, given=_given(clock.name, config)) for clock in offsets), lag=lag)
 
 
@@ -219,6 +221,16 @@ def _response_delays(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[dict[st
         if math.isfinite(errors[size])
     }
     return delays, values.get(f"{_LAG}.time_constant", 0.0)
+
+
+def _are_early(trials: Sequence[Trial], vehicle: Vehicle) -> bool:
+    """Whether all logs together respond early by a model that has a memory of the water and a torque of the heading.
+
+    A vehicle that drifts at rest, or in a tank whose water swings back and forth, only seems to.
+    """
+    runs = prepare(Campaign(trials=tuple(trials), sources=()), vehicle.with_logged_torque(trials)).items
+    found = response_delay(runs, further=True)
+    return found is not None and found.delay < -SIGNIFICANT * found.error
 
 
 def _fit_delays(runs: Sequence[Run], vehicle: Vehicle, names: Sequence[str]) -> FitResult | None:

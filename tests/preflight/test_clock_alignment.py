@@ -213,6 +213,14 @@ def test_clock_offsets_in_a_generated_folder(index: int, twice: str, tmp_path: P
 
 
 @pytest.mark.slow
+def test_water_that_swings_in_a_tank_is_no_early_response(tmp_path: Path, rovid: Rovid) -> None:
+    write_campaign(tmp_path / "day", draw(78, 26))
+    document = rovid("check", "day", "--json").document
+    assert not [one for one in document["clocks"] if one["certain"]]
+    assert document["verdict"] == "care"
+
+
+@pytest.mark.slow
 def test_a_diagnosed_delay_may_be_a_clock_offset(tmp_path: Path, rovid: Rovid) -> None:
     day(tmp_path / "day", split="{run}_{part}.csv")
     document = rovid("diagnose", "day", "--json").document
