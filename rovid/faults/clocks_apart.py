@@ -24,7 +24,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.clock_drift import BLOCK, clock_drift
-from rovid.faults.quick_model import first_order, log_name
+from rovid.faults.quick_model import first_order, fit_quick_model, log_name
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
 from rovid.trial.rates import integral
@@ -222,7 +222,12 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     if _is_early(found, data.runs) and _is_early(with_further(), data.runs):
         yield Detection(fault=_early_motion(tuple(parts), found))
         return
+    model = fit_quick_model(data.runs, data.vehicle)
+    # In a sine, half a period looks like commands of the opposite sign: such a log is examined as a foreign one.
+    opposite = {log.name for log in model.regressors if log.is_opposite} if model else set()
     for name, runs in parts.items():
+        if name in opposite:
+            continue
         # A log alone hardly determines delay and model; the model of all logs is biased by hidden causes. Both agree.
         known, own = response_delay(runs, found.values), response_delay(runs)
         if own is None or not (_is_early(known, runs) and _is_early(own, runs)):

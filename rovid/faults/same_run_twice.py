@@ -72,23 +72,26 @@ class _Recording:
         return float(np.median(np.diff(self.time))) if len(self.rows) > 1 else np.inf
 
     @cached_property
-    def rates(self) -> FloatArray:
-        """(n,) rad/s."""
-        rates: FloatArray = np.gradient(self.position, self.time)
-        return rates
-
-    @cached_property
     def gap(self) -> float:
         """Longest interval in s that is no gap."""
         return gap_limit(np.diff(self.time))
 
     @cached_property
+    def deviations(self) -> FloatArray:
+        """(n - 3,) sizes in rad, in order, of third divided differences, scaled to the error of one reading."""
+        # A quadratic motion has none, whatever the intervals: rows may be lost.
+        windows = np.lib.stride_tricks.sliding_window_view
+        if len(self.time) < 4:
+            return np.zeros(0)
+        time, position = windows(self.time, 4), windows(self.position, 4)
+        weights = np.column_stack([1.0 / np.prod(time[:, [k]] - np.delete(time, k, axis=1), axis=1) for k in range(4)])
+        return np.sort(np.abs(np.sum(weights * position, axis=1)) / np.linalg.norm(weights, axis=1))
+
+    @cached_property
     def noise(self) -> float:
-        """Standard deviation of the noise in rad, by third differences without the largest tenth."""
-        differences = np.sort(np.abs(np.diff(self.position, n=3)))
-        kept = differences[: max(1, int(0.9 * len(differences)))]
-        # A third difference has 20 variances; without the largest tenth a Gaussian keeps 0.789 of its RMS.
-        return float(np.sqrt(np.mean(kept**2) / 20.0) / 0.789)
+        """Standard deviation of the noise in rad: without its largest tenth, a Gaussian keeps 0.789 of its RMS."""
+        kept = self.deviations[: max(1, int(0.9 * len(self.deviations)))]
+        return float(np.sqrt(np.mean(kept**2)) / 0.789) if kept.size else 0.0
 
     @cached_property
     def resolution(self) -> float:
@@ -155,7 +158,7 @@ def _common(one: _Recording, other: _Recording, lag: int) -> slice | None:
     changes = int(np.count_nonzero(np.abs(np.diff(other.position[theirs], n=3)) > 1e-9))
     stamps = (other.time[theirs] - other.time[first]) - (one.time[own] - one.time[first + lag])
     rms = float(np.sqrt(np.mean(difference**2)))
-    noise = float(np.median(np.abs(one.third))) / 0.6745 / np.sqrt(20.0)
+    noise = float(np.median(one.deviations)) / 0.6745
     if changes < _MIN_CHANGES or rms > _SAME_NOISE * noise + 1e-9 or np.abs(stamps).max() > _STAMPS * one.interval:
         return None
     mine, yours = one.trial.commands[one.rows[own]], other.trial.commands[other.rows[theirs]]
@@ -218,9 +221,12 @@ def _without(data: CampaignData, copy: Trial) -> CampaignData:
 
 def _is_same(fine: _Recording, coarse: _Recording) -> bool:
     """Whether both are copies of one recording; ``fine`` has at least as many measurements."""
-    if all(np.array_equal(values, getattr(coarse.trial, name), equal_nan=True) for name, values in _content(fine)):
+    own, others = ((one.trial.time, one.trial.position, one.trial.commands) for one in (fine, coarse))
+    if all(map(partial(np.array_equal, equal_nan=True), own, others)):
         return True
-    if fine.trial.commands.shape[1] != coarse.trial.commands.shape[1] or len(coarse.time) < _MIN_POINTS:
+    # One clock stamped all parts of a log: they are cycles of one test, and no copies.
+    of_one_log = bool(fine.trial.parent) and fine.trial.parent == coarse.trial.parent
+    if of_one_log or fine.trial.commands.shape[1] != coarse.trial.commands.shape[1] or len(coarse.time) < _MIN_POINTS:
         return False
     shorter, longer = sorted((fine.trial.duration, coarse.trial.duration))
     if shorter < _MIN_COVER * longer or not _may_be_same(fine, coarse):
@@ -240,11 +246,6 @@ def _is_same(fine: _Recording, coarse: _Recording) -> bool:
     return bool(is_small) and _commands_agree(fine.trial, coarse.trial, shift)
 
 
-def _content(recording: _Recording) -> list[tuple[str, FloatArray]]:
-    trial = recording.trial
-    return [("time", trial.time), ("position", trial.position), ("commands", trial.commands)]
-
-
 def _may_be_same(fine: _Recording, coarse: _Recording) -> bool:
     """Whether a shift could bring both together; a cheap test that excludes most pairs."""
     low, high = fine.envelope
@@ -260,11 +261,11 @@ def _may_be_same(fine: _Recording, coarse: _Recording) -> bool:
 
 def _align(fine: _Recording, time: FloatArray, psi: FloatArray) -> float | None:
     """Delay of ``time`` in s by Gauss-Newton least squares from zero; None where it diverges."""
-    shift = 0.0
+    shift, rates = 0.0, np.gradient(fine.position, fine.time)
     for _ in range(8):
         difference = fine.difference(time - shift, psi)
         known = np.isfinite(difference)
-        rate = np.interp(time[known] - shift, fine.time, fine.rates)
+        rate = np.interp(time[known] - shift, fine.time, rates)
         if not rate.any():
             return shift
         step = -float(rate @ difference[known]) / float(rate @ rate)

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rovid.faults import clocks_apart
 from rovid.faults.base import RunsData, examine
 from rovid.faults.clock_drift import clock_drift
-from rovid.faults.clocks_apart import DETECTORS, response_delay
+from rovid.faults.clocks_apart import DETECTORS, ResponseDelay, response_delay
 from rovid.faults.quick_model import first_order
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
@@ -64,6 +65,25 @@ def test_the_log_with_the_offset_is_named(seed: int) -> None:
     runs = [shifted(run, 10) if run.trial.name == "random.csv" else run for run in day("large", seed)]
     (fault,) = faults(runs)
     assert (fault.logs, fault.stops) == (("random.csv",), True)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_commands_of_the_opposite_sign_are_no_clock(sign: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a sine with hidden causes half a period looks like the other sign: here each log alone seems to be early."""
+
+    def delay(runs: Sequence[Run], *_: object, **__: object) -> ResponseDelay:
+        alone = len(runs) == 1
+        return ResponseDelay(delay=-9.0 * alone, error=0.01, improvement=0.9 * alone, values=np.zeros(4))
+
+    monkeypatch.setattr(clocks_apart, "response_delay", delay)
+    runs = [
+        replace(one, torque=sign * one.torque, filtered_torque=sign * one.filtered_torque)
+        if one.trial.name.startswith("sine")
+        else one
+        for one in day("large", 1)
+    ]
+    named = {fault.logs[0] for fault in faults(runs)}
+    assert {run.trial.name for run in runs} - named == ({f"sine_{k}.csv" for k in range(3)} if sign < 0.0 else set())
 
 
 @pytest.mark.parametrize("seed", range(10))

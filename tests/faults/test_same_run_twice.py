@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import RunsData, examine
+from rovid.faults.base import CampaignData, RunsData, examine
 from rovid.faults.same_run_twice import DETECTORS
 from rovid.readers import read_campaign
 from rovid.trial.config import Config
@@ -19,7 +19,7 @@ from rovid.trial.rates import compute_rates
 from tests.faults.days import VEHICLES, day
 from tests.readers.logs import csv_text, mcap_bytes, stamped, to_ns, turning
 from tests.readers.test_formats import log, names
-from tests.synthetic import LOGGED
+from tests.synthetic import LOGGED, trial
 
 
 def test_copies_are_left_out(tmp_path: Path, config: Config) -> None:
@@ -96,6 +96,19 @@ def test_a_part_that_two_logs_share_counts_once(cut: int, decimals: int, tmp_pat
     assert fault.size == pytest.approx(30.0, abs=0.1)
     # All rows of the run are there once.
     assert sum(trial.measured.sum() for trial in found.trials[:2]) == 2400
+
+
+def test_cycles_of_one_test_with_lost_rows_are_no_copies() -> None:
+    """Parts of one log, and of two logs of one programme: where rows are lost, motion is no noise."""
+    rng = np.random.default_rng(4)
+    parts = []
+    for number, parent in enumerate(("a.csv", "a.csv", "b.csv")):
+        time = np.arange(0.0, 10.0, 0.05)[np.flatnonzero(rng.random(200) > 0.15)]
+        swing = np.sin(2.0 * np.pi * time / 2.5)
+        heading = np.deg2rad(20.0) * swing + rng.normal(0.0, np.deg2rad(0.05), len(time))
+        parts.append(replace(trial(time, swing, heading, name=f"{parent}, part {number}"), parent=parent))
+    data = CampaignData(trials=parts, vehicle=LOGGED)
+    assert not examine(DETECTORS["campaign"], data, FaultOverrides())[1]
 
 
 @pytest.mark.parametrize("decimals", [2, 3, 6])

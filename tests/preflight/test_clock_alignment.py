@@ -16,6 +16,7 @@ from rovid.preflight.raw_columns import RawColumn
 from tests.conftest import Rovid, slow
 from tests.readers.test_formats import day
 from tools.folders import Clocks, write_folder
+from tools.wide import draw, write_campaign
 
 LASTS, STEP = 200.0, 0.1
 
