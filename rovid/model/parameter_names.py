@@ -21,7 +21,13 @@ PLANAR_UNITS = {
     "yaw.quadratic_drag": "N m s^2",
 }
 # Parameters of a rudder, ``rudder.NAME.lift``: last word -> unit.
-RUDDER_UNITS = {"lift": "N s^2/m^2", "slipstream": "m^2/(N s^2)", "straightening": "1", "asymmetry": "1"}
+RUDDER_UNITS = {
+    "lift": "N s^2/m^2",
+    "slipstream": "m^2/(N s^2)",
+    "straightening": "1",
+    "asymmetry": "1",
+    "stall": "rad",
+}
 _RUDDER = "rudder."
 
 

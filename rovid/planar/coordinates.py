@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from rovid.core.array_types import BoolArray, FloatArray
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.base import Scales
 from rovid.estimate.fisher_information import Innovations
@@ -29,6 +29,8 @@ _MEMORY_BOUNDS, _FIRST_MEMORY = (0.05, 100.0), 1.0
 _USUAL_DISTURBANCE, _USUAL_MEMORY, _DISTURBANCE_ERROR = 0.01, 2.0, 1.5
 # Least and largest straightening of the flow at a rudder and its asymmetry, by published ones of ships; starts.
 _STRAIGHTENING, _STRAIGHT = ((0.25, -0.5), (0.8, 0.5)), (0.5, 0.0)
+# Least and largest stall angle of a rudder in rad, 10 and 60 deg: those of a spade rudder, and of one in a slipstream.
+_STALL = (0.17, 1.05)
 # Range of the log noise of a sensor about its start.
 _NOISE_RANGE = 4.0
 # Least noise of a heading in rad: an instrument resolves no more.
@@ -182,6 +184,17 @@ class PlanarCoordinates:
         low, high = (longer(*one) for one in zip(self.bounds, _STRAIGHTENING, strict=True))
         found = replace(self, rudders=rudders, units=longer(self.units, (1.0, 1.0)), low=low, high=high)
         return found, longer(x, _STRAIGHT)
+
+    def stalling(self, x: FloatArray, numbers: Sequence[int]) -> tuple[Self, FloatArray, IntArray]:
+        """The same coordinates with the stall angles of the rudders with these ``numbers``, ``x``, and their places."""
+        ends = BASE_COUNT + np.cumsum([len(one.parts) for one in self.rudders])
+        before = ends[list(numbers)]
+        rudders = tuple(replace(one, stalls=one.stalls or at in numbers) for at, one in enumerate(self.rudders))
+        pairs = (self.units, 1.0), (self.low, _STALL[0]), (self.high, _STALL[1])
+        units, low, high = (np.insert(old, before, new) for old, new in pairs)
+        longer = np.insert(x, before, [self.rudders[at].stall for at in numbers])
+        places = before + np.arange(len(before))
+        return replace(self, rudders=rudders, units=units, low=low, high=high), longer, places
 
     def bounded(self, limits: Mapping[int, tuple[float, float]]) -> Self:
         """The same coordinates with some of them within other ``limits``; equal ones hold a coordinate."""

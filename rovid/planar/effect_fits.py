@@ -23,6 +23,8 @@ from rovid.planar.start_values import start_values
 HULL_LIFT, _LIFT_GAIN = ("sway_yaw_damping:lift", "speed_dependent_damping:planar"), 10.0
 # Steps of the fits of a hull: by simulations, then by the filter.
 _SIMULATED, _FILTERED = 30, 15
+# Stall angles in rad from which its fit may start.
+_STALLS = (0.25, 0.4, 0.85)
 # Places of the linear and quadratic drags of sway and yaw among the coordinates.
 _ACROSS = (5, 6, 8, 9)
 # Forces of third order of a ship's hull, and the usual mass over density, squared length and half the draught.
@@ -36,7 +38,35 @@ SHIP_WARNING = (
 
 
 def with_hull_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
-    """The model with the lift of the hull, or of a ship, for a vehicle with a rudder where it shows; else ``best``."""
+    """The model with the lift of the hull, or of a ship, and with the stall angle of rudders, where they show."""
+    return _with_stall(_with_lift(best, data), data)
+
+
+def _with_stall(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
+    """The model with the stall angles that rovid.toml leaves open, if they improve the fit as the lift has to."""
+    numbers = [at for at, rudder in enumerate(data.actuators.rudders) if rudder.stall is None]
+    if not numbers or not best.coordinates.rudders or best.likelihood.grid.yaw_only:
+        return best
+    coordinates, x, places = best.coordinates.stalling(best.x, numbers)
+    likelihood, found = best.likelihood.with_coordinates(coordinates), list[tuple[float, FloatArray]]()
+    # A stall angle has no influence beyond the angles of attack in the logs: several values are tried by score tests.
+    for angle in (float(best.coordinates.rudders[numbers[0]].stall), *_STALLS):
+        start = x.copy()
+        start[places] = angle
+        gradient, information = likelihood.equations(start)
+        gain = 0.5 * float(gradient @ inverse_information(information) @ gradient)
+        found.append((likelihood.value(start) - gain, start))
+    needed = _LIFT_GAIN + 0.5 * math.log(float(best.likelihood.grid.used.sum())) * len(numbers)
+    predicted, start = min(found, key=lambda one: one[0])
+    if best.value - predicted < THRESHOLDS.screening_share * needed:
+        return best
+    # A wrong stall angle bends all parameters of a rudder: the fit takes all its steps.
+    stalling = _fitted(likelihood, FreeRuns.of(data, coordinates.sizes), start)
+    stalling = PlanarOptimum.fit(likelihood, stalling.x)
+    return stalling if best.value - stalling.value > needed else best
+
+
+def _with_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     if not best.coordinates.rudders or best.likelihood.grid.yaw_only:
         return best
     coordinates, x = best.coordinates, best.x

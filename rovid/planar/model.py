@@ -83,6 +83,7 @@ class RudderModel:
     position: tuple[float, float]  #: m ahead of the origin, negative at the stern, and to starboard.
     lift: float = 0.0  #: N s^2/m^2; side force over squared inflow and sine of the angle of attack.
     stall: float = 0.6  #: rad; the side force grows no further beyond this angle of attack.
+    stalls: bool = False  #: Whether that angle is a parameter.
     slipstream: float = 0.0  #: m^2/(N s^2); squared inflow by thrust of the propeller ahead of it.
     straightening: float | None = None  #: Share of the flow aside at the rudder; None where it is no parameter, for 1.
     asymmetry: float = 0.0  #: Share by which it is larger in a flow to port than on average, and smaller to starboard.
@@ -90,7 +91,8 @@ class RudderModel:
     @property
     def parts(self) -> tuple[str, ...]:
         """Names of the parameters."""
-        return ("lift", "slipstream") if self.straightening is None else tuple(RUDDER_UNITS)
+        lift, slipstream, *straight, stall = RUDDER_UNITS
+        return (lift, slipstream, *(straight if self.straightening is not None else ()), *([stall] * self.stalls))
 
     @property
     def values(self) -> list[float]:
@@ -173,8 +175,7 @@ class PlanarModel:
             elif isinstance(one.effect.acts, WaterCurrent):
                 speed, direction, *wander = one.parameters.tolist()
                 numbers[CURRENT_INDEX : CURRENT_INDEX + 2] = speed * np.cos(direction), speed * np.sin(direction)
-                if wander:
-                    numbers[CURRENT_INDEX + 2 : CURRENT_INDEX + 4] = wander
+                numbers[CURRENT_INDEX + 2 : CURRENT_INDEX + 2 + len(wander)] = wander
         for at, rudder in enumerate(self.rudders):
             first = RUDDER_INDEX + RUDDER_COUNT * at
             own = rudder.lift, rudder.stall, rudder.slipstream, rudder.straightening, rudder.asymmetry
@@ -184,8 +185,7 @@ class PlanarModel:
     @property
     def wanders(self) -> bool:
         """Whether the current wanders."""
-        acts = (one.effect.acts for one in self.effects)
-        return any(isinstance(act, WaterCurrent) and act.wanders for act in acts)
+        return any(getattr(one.effect.acts, "wanders", False) for one in self.effects)
 
     def coriolis_matrix(self, speeds: Sequence[float]) -> FloatArray:
         """(3, 3) Coriolis and centripetal matrix of the ``mass_matrix`` (Fossen 2011, theorem 3.2)."""

@@ -1,8 +1,9 @@
 """A study of surge, sway and yaw together: the logs of a folder, and the coupled model of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from rovid.effects import FORMS, PLANAR_FORMS, Effect, effect_named
 from rovid.effects.base import Actuating
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.model.bound_effects import BoundEffect
+from rovid.model.parameter_names import RUDDER_UNITS
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import PlanarDiagnosis, diagnose_planar
 from rovid.planar.effect_fits import planar_candidates
@@ -108,12 +110,19 @@ def planar_model(stored: Parameters, rudders: Sequence[RudderModel] = ()) -> Pla
     values = {name: entry.value for name, entry in stored.entries.items()} | dict(stored.assumed)
     effects = tuple(map(planar_effect, stored.effects))
     bound = tuple(BoundEffect(effect, np.zeros(len(effect.parameters))) for effect in effects)
-    empty = PlanarModel(base=np.ones(BASE_COUNT), effects=bound, rudders=tuple(rudders))
+    empty = PlanarModel(base=np.ones(BASE_COUNT), effects=bound, rudders=tuple(_stored(one, values) for one in rudders))
     for name in empty.names:
         if name not in values:
             mend = "Run `rovid fit --axes planar LOGS`."
             raise ConfigError(f"holds no {name}.", where=stored.path, mend=mend)
     return empty.with_values(np.array([values[name] for name in empty.names]))
+
+
+def _stored(rudder: RudderModel, values: Mapping[str, float]) -> RudderModel:
+    parts: dict[str, Any] = {
+        part: values[name] for part in RUDDER_UNITS if (name := f"rudder.{rudder.name}.{part}") in values
+    }
+    return replace(rudder, **parts, stalls="stall" in parts)
 
 
 def planar_effect(name: str) -> Effect:

@@ -13,8 +13,9 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations
-from rovid.estimate.maximum_likelihood import fit_likelihood
+from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, fit_likelihood
 from rovid.model.bound_effects import BoundEffect
+from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
 from rovid.planar.fit import PlanarFit, fit_base, fit_planar, planar_result
 from rovid.planar.free_runs import FreeRuns, correlation_time, fit_free_runs, free_run_r2, simulate_planar
@@ -34,6 +35,8 @@ def deviations(fitted: PlanarFit, truth: Truth) -> dict[str, float]:
     true = dict(zip(BASE_NAMES, truth.base, strict=True))
     if truth.rudder is not None:
         true["rudder.rudder.lift"] = truth.rudder[1]
+    if math.isfinite(truth.stall):
+        true["rudder.rudder.stall"] = truth.stall
     if any(truth.current):
         north, east = truth.current
         true |= {"current.speed": math.hypot(north, east), "current.direction": math.atan2(east, north)}
@@ -43,7 +46,9 @@ def deviations(fitted: PlanarFit, truth: Truth) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("truth", "hold"), [(box_rov(3), 6.0), (torpedo(3), 8.0)], ids=["box ROV with DVL", "torpedo with rudder"]
+    ("truth", "hold"),
+    [(box_rov(3), 6.0), (torpedo(3), 8.0), (torpedo(3, stall=0.3), 8.0)],
+    ids=["box ROV with DVL", "torpedo with rudder", "torpedo with a rudder that stalls early"],
 )
 @pytest.mark.slow
 def test_the_truth_is_within_the_errors(truth: Truth, hold: float) -> None:
@@ -200,3 +205,17 @@ def test_correlated_errors_count_as_fewer() -> None:
     # Bartlett's formula: the sum over some 50 lags scatters by about 6 %.
     assert correlation_time([errors[:25_000], errors[25_000:]]) == pytest.approx((1.0 + a) / (1.0 - a), rel=0.25)
     assert correlation_time([rng.normal(size=(20_000, 1))]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_stall_angle_is_a_parameter_where_rovid_toml_gives_none() -> None:
+    data = campaign(torpedo(3), runs=1, levels=4, hold=8.0, seed=3)
+    start = min(start_values(data, with_current=False), key=lambda one: one.residual)
+    coordinates = PlanarCoordinates.of(
+        start.model, planar_sizes(data, start), data.sensors, (), DISTURBANCE_LIMITS[0], yaw_only=False
+    )
+    x = coordinates.initial(start.model, ())
+    found, longer, (place,) = coordinates.stalling(x, [0])
+    assert found.model(longer).value("rudder.rudder.stall") == start.model.rudders[0].stall
+    np.testing.assert_allclose(found.values(longer)[: place + 1], [*coordinates.values(x), longer[place]])
+    longer[place] = 2.0
+    assert found.projected(longer)[place] < 1.1  # 60 deg

@@ -24,6 +24,7 @@ class Truth:
     current: tuple[float, float] = (0.0, 0.0)
     couplings: tuple[float, float] = (0.0, 0.0)  #: N_v and Y_r with opposite signs.
     rudder: tuple[float, float] | None = None  #: Position ahead in m, lift.
+    stall: float = np.inf  #: rad, of the rudder.
     noise: dict[str, tuple[float, float]] = field(default_factory=dict)  #: Sensor -> noise, interval in s.
     disturbance: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: N, N, N m.
     memory: float = 3.0  #: s.
@@ -66,7 +67,8 @@ def simulate(truth: Truth, commands: FloatArray, hold: float, start: FloatArray,
         if truth.rudder is not None:
             at, lift = truth.rudder
             delta, across = command[-1], v + at * r
-            side = lift * (u * u + across**2) * np.sin(delta + np.arctan2(across, abs(u)))
+            attack = np.clip(delta + np.arctan2(across, abs(u)), -truth.stall, truth.stall)
+            side = lift * (u * u + across**2) * np.sin(attack)
             total -= np.array([side * np.sin(delta), side * np.cos(delta), at * side * np.cos(delta)])
         cosine, sine = np.cos(psi), np.sin(psi)
         ground = u * cosine - v * sine + truth.current[0], u * sine + v * cosine + truth.current[1]

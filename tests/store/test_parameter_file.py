@@ -11,7 +11,7 @@ import pytest
 
 from rovid.core.errors import ConfigError
 from rovid.estimate.estimate import Estimate
-from rovid.planar.model import BASE_COUNT, PlanarModel
+from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel
 from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Parameters, Source, absolute_paths
 from rovid.store.planar_study import planar_model
@@ -64,6 +64,19 @@ def test_the_model_has_effects_that_the_logs_leave_open(tmp_path: Path) -> None:
     assert [(one.effect.key, one.parameters.tolist()) for one in model.effects] == [
         ("sway_yaw_damping:lift", [-3.0, 2.0])
     ]
+
+
+def test_the_model_has_the_stored_parameters_of_rudders(tmp_path: Path) -> None:
+    rudder = RudderModel(name="helm", position=(-1.5, 0.0))
+    own = {"lift": 20.0, "slipstream": 0.1, "straightening": 0.6, "asymmetry": 0.2, "stall": 0.4}
+    base = PlanarModel(base=np.arange(1.0, 1.0 + BASE_COUNT))
+    assumed = dict(zip(base.names, base.base.tolist(), strict=True))
+    assumed |= {f"rudder.helm.{part}": value for part, value in own.items()}
+    model = planar_model(Parameters(path=tmp_path / "parameters_planar.toml", assumed=assumed), [rudder])
+    assert dict(zip(model.rudders[0].parts, model.rudders[0].values, strict=True)) == own
+    del assumed["rudder.helm.straightening"], assumed["rudder.helm.asymmetry"], assumed["rudder.helm.stall"]
+    model = planar_model(Parameters(path=tmp_path / "parameters_planar.toml", assumed=assumed), [rudder])
+    assert model.rudders[0].parts == ("lift", "slipstream")
 
 
 def test_separate_fits_have_no_covariance(tmp_path: Path) -> None:
