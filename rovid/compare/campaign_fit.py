@@ -292,4 +292,4 @@ def shared_effects(a: CampaignFit, b: CampaignFit) -> list[Effect]:
 
 
 def _is_campaign_specific(effect: Effect) -> bool:
-    return is_signal(effect) or bool(trials_in_form(effect.form)) or effect.is_wave or effect.begins_at_instant
+    return is_signal(effect) or bool(trials_in_form(effect.form)) or effect.is_wave or bool(effect.instants)

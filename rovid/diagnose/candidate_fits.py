@@ -14,7 +14,6 @@ from rovid.diagnose.cross_validation import Fold
 from rovid.diagnose.screening import ScoreTest, bic_penalty, extended, first_of_each, further_forms
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, EffectParameter
-from rovid.effects.base import INSTANT
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.thruster_lag import EFFECT as LAG
 from rovid.estimate.fit_result import FitResult, fit
@@ -86,8 +85,8 @@ def bic_score(fitted: FitResult) -> float:
 
 def value_at_score(score: float, objective: NegativeLogLikelihood) -> float:
     """Negative log-likelihood at which a model has the BIC score ``score``; the inverse of `bic_score`."""
-    parameters = objective.parametrization.parameters
-    return -score - bic_penalty(objective) * (len(parameters) + parameters.count(INSTANT))
+    instants = sum(len(effect.instants) for effect in objective.effects)
+    return -score - bic_penalty(objective) * (len(objective.parametrization.parameters) + instants)
 
 
 def fit_coarse(objective: NegativeLogLikelihood, x: FloatArray, iterations: int, goal: float = math.inf) -> FitResult:

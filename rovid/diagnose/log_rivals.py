@@ -29,7 +29,7 @@ from rovid.diagnose.result import Diagnosis, Finding, delays_of_the_sensor, is_d
 from rovid.diagnose.returned_logs import with_returned_logs
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.actuator_inputs import SPEEDS
-from rovid.effects.base import INSTANT
+from rovid.effects.base import INSTANT, UNTIL, EffectParameter
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.further_terms import trials_in_form
 from rovid.effects.thruster_imbalance import thruster_of
@@ -378,16 +378,21 @@ def _sensor_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator
 
 
 def _instants(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
-    """Log and time of each loss of thrust from an instant on."""
+    """Log and time of each loss of thrust from an instant on, and of its end."""
     trials = sorted((run.trial for run in runs), key=lambda trial: trial.campaign_time)
-    for cause in causes:
-        if not cause.effect.begins_at_instant:
-            continue
-        seconds = 3600.0 * _size(cause, INSTANT.name)[0]
+
+    def place(cause: Finding, instant: EffectParameter) -> str:
+        seconds = 3600.0 * _size(cause, instant.name)[0]
         before = [trial for trial in trials if trial.campaign_time <= seconds][-1]
         after = seconds - before.campaign_time
-        place = (
-            f"{before.name}, {after:.1f} s after its start" if after < before.duration else f"the end of {before.name}"
-        )
+        if after < before.duration:
+            return f"{before.name}, {after:.1f} s after its start"
+        return f"the end of {before.name}"
+
+    for cause in causes:
+        if not cause.effect.instants:
+            continue
+        until = f" to {place(cause, UNTIL)}" if UNTIL in cause.effect.parameters else ""
         thruster = f" of {thruster_of(cause.effect.form)}" if cause.effect.per_thruster else ""
-        yield f"From {place}, the thrust{thruster} is {plus_minus(*_size(cause, 'gain'))} times the thrust before."
+        gain = plus_minus(*_size(cause, "gain"))
+        yield f"From {place(cause, INSTANT)}{until}, the thrust{thruster} is {gain} times the thrust before."

@@ -83,7 +83,7 @@ class ScoreTest:
     @property
     def penalised_parameters(self) -> int:
         """Number of parameters with a BIC penalty that the gain does not include; several sizes count as one."""
-        return len(self.effect.parameters) - (self.effect.size_count - 1) + self.effect.begins_at_instant
+        return len(self.effect.parameters) - (self.effect.size_count - 1) + len(self.effect.instants)
 
 
 class NuisanceProjection:

@@ -13,7 +13,7 @@ for a set of parameters. Terms are compiled, and evaluated in each step of the i
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,6 +40,7 @@ __all__ = [
     "SPEEDS",
     "TERM_PARAMETERS",
     "TERM_STATES",
+    "UNTIL",
     "Acts",
     "Actuating",
     "ActuatorInputs",
@@ -268,6 +269,8 @@ INSTANT = EffectParameter(
     initial_values=tuple((k + 0.5) / 16 for k in range(16)),
     scale="day",
 )
+# End of an effect that stops before the campaign does; at 1 the effect lasts.
+UNTIL = replace(INSTANT, name="until", neutral=1.0, initial_values=tuple(min((k + 1.5) / 16, 1.0) for k in range(16)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -340,9 +343,9 @@ class Effect:
         ]
 
     @property
-    def begins_at_instant(self) -> bool:
-        """Whether the effect begins at an instant of the campaign, its parameter `INSTANT`."""
-        return INSTANT in self.parameters
+    def instants(self) -> list[int]:
+        """Numbers of the parameters that are instants of the campaign: its `INSTANT` of begin, and `UNTIL`."""
+        return [at for at, parameter in enumerate(self.parameters) if parameter in (INSTANT, UNTIL)]
 
     def values(self, numbers: FloatArray) -> dict[str, float]:
         """Parameter values by name."""

@@ -180,7 +180,7 @@ def forms_for(
     if vehicle.thrusters and _MIN_TRIALS <= len(repeated) <= _MAX_TRIALS:
         forms = [make(repeated) for make in _PER_TRIAL.values()]
         found += [effect for effect in forms if not effect.axes or vehicle.axis.name in effect.axes]
-    return tuple(effect for effect in found if trials or not effect.begins_at_instant)
+    return tuple(effect for effect in found if trials or not effect.instants)
 
 
 def _thruster_forms(vehicle: Vehicle) -> list[Effect]:

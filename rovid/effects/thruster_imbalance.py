@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.base import INSTANT, ActuatorInputs, Effect, EffectParameter, OnThrust, Values
+from rovid.effects.base import INSTANT, UNTIL, ActuatorInputs, Effect, EffectParameter, OnThrust, Values
 
 
 def _unnamed(_: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -30,19 +30,19 @@ FORMS: tuple[Effect, ...] = (EFFECT,)
 
 _HOUR = 3600.0
 # Suffixes of a form; part of the effect keys in files.
-WITH_OTHERS, FROM_INSTANT = " beside others", " from an instant"
-SUFFIXES = ("", WITH_OTHERS, FROM_INSTANT)
+WITH_OTHERS, FROM_INSTANT, BETWEEN = " beside others", " from an instant", " between instants"
+SUFFIXES = ("", WITH_OTHERS, FROM_INSTANT, BETWEEN)
 
 
 def thruster_of(form: str) -> str:
     """Name of the thruster in the name of a ``form``."""
-    return form.removesuffix(WITH_OTHERS).removesuffix(FROM_INSTANT)
+    return next((form.removesuffix(suffix) for suffix in SUFFIXES if suffix and form.endswith(suffix)), form)
 
 
 def for_thruster(form: str) -> Effect:
     """The form for a thruster, named without a suffix; ``WITH_OTHERS``: only while another thruster pushes.
 
-    ``FROM_INSTANT``: From an instant of the day on, as with weed or a broken blade.
+    ``FROM_INSTANT``: From an instant of the day on, as with weed or a broken blade. ``BETWEEN``: Until another instant.
     """
     thruster = thruster_of(form)
 
@@ -50,21 +50,25 @@ def for_thruster(form: str) -> Effect:
         changed, at, share = thrust.copy(), inputs.names.index(thruster), np.ones(len(thrust))
         if form.endswith(WITH_OTHERS):
             share = np.any(np.delete(thrust, at, axis=1) != 0.0, axis=1).astype(np.float64)
-        elif form.endswith(FROM_INSTANT):
+        elif INSTANT.name in values:
             share = inputs.share_after(_HOUR * values[INSTANT.name])
+            if UNTIL.name in values:
+                share = np.maximum(share - inputs.share_after(_HOUR * values[UNTIL.name]), 0.0)
         changed[:, at] *= 1.0 - (1.0 - values["gain"]) * share
         return changed
 
     own = replace(EFFECT, form=form, acts=OnThrust(weakened))
     if form.endswith(WITH_OTHERS):
         return replace(own, equation="F' = g·F of the named thruster while another one pushes")
-    if form.endswith(FROM_INSTANT):
+    if form.endswith((FROM_INSTANT, BETWEEN)):
+        returns = form.endswith(BETWEEN)
+        until = "between the instants" if returns else "from the instant on"
         return replace(
             own,
-            title="thruster that loses thrust",
-            parameters=(*EFFECT.parameters, INSTANT),
-            equation="F' = g·F of the named thruster from the instant on, in h since the first log began",
-            fingerprint="residual torque in proportion to one thruster's share of the thrust, in later logs only",
+            title="thruster that loses thrust for a time" if returns else "thruster that loses thrust",
+            parameters=(*EFFECT.parameters, INSTANT, *[UNTIL] * returns),
+            equation=f"F' = g·F of the named thruster {until}, in h since the first log began",
+            fingerprint="residual torque in proportion to one thruster's share of the thrust, in some logs only",
             experiment="the first runs again; each thruster alone; look for weed and at the blades",
         )
     return own

@@ -10,14 +10,13 @@ system, and change places without a change of the motion: I/D <-> T. Both orders
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import significant
 from rovid.effects import Effect
-from rovid.effects.base import INSTANT
 from rovid.effects.thruster_lag import EFFECT as LAG
 from rovid.estimate.dataset import time_constant
 from rovid.estimate.fit_result import FitResult, fit
@@ -140,18 +139,21 @@ def exchanged_or_same(fitted: FitResult, goal: float = math.inf) -> FitResult:
 
 
 def at_best_instant(fitted: FitResult, iterations: int = ITERATIONS) -> FitResult:
-    """The fit continued from the most likely instant of its last effect, if that has one.
+    """The fit continued from the most likely instants of its last effect, if that has any, one after the other.
 
     The likelihood has an optimum near each change of the commands. So instants in all logs are tried, then nearer ones.
     """
     parametrization = fitted.objective.parametrization
-    if not fitted.effects or not fitted.effects[-1].begins_at_instant:
+    last = fitted.effects[-1] if fitted.effects else None
+    if last is None or not last.instants:
         return fitted
-    at = len(fitted.x) - len(fitted.effects[-1].parameters) + fitted.effects[-1].parameters.index(INSTANT)
+    places = [len(fitted.x) - len(last.parameters) + at for at in last.instants]
     shares, instants = parametrization.logged_time
     for _ in range(_INSTANT_ROUNDS):
-        x, centre, width = fitted.x, 0.5, 0.5
-        for _ in range(_INSTANT_LEVELS):
+        x = fitted.x
+        for at, level in product(places, range(_INSTANT_LEVELS)):
+            if level == 0:
+                centre, width = 0.5, 0.5
             tried = [x, *(x.copy() for _ in range(_INSTANTS))]
             for one, share in zip(tried[1:], centre + width * np.linspace(-1.0, 1.0, _INSTANTS), strict=True):
                 one[at] = np.interp(share, shares, instants)

@@ -9,7 +9,6 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import Effect, EffectParameter, restoring_effect
-from rovid.effects.base import INSTANT
 from rovid.estimate.dataset import NOISE_FLOOR, FitData
 from rovid.model.model import Model
 
@@ -117,9 +116,8 @@ class Parametrization:
         last = self.effects[-1]
         own = slice(len(self.low) - len(last.parameters), None)
         values = np.array(last.initial_values)
-        if last.begins_at_instant:
-            at = last.parameters.index(INSTANT)
-            values[:, at] = np.interp(values[:, at], *self.logged_time)
+        if last.instants:
+            values[:, last.instants] = np.interp(values[:, last.instants], *self.logged_time)
         within = np.clip(values, self.low[own], self.high[own])
         return [start for k, start in enumerate(within) if not (within[:k] == start).all(axis=1).any()]
 

@@ -178,7 +178,7 @@ def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
     thrusters = data.actuators.thrusters
     channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
     acting = forms_for(thrusters, channels, [run.name for run in data.runs])
-    actuators = [form for form in acting if isinstance(form.acts, Actuating) and not form.begins_at_instant]
+    actuators = [form for form in acting if isinstance(form.acts, Actuating) and not form.instants]
     actuators += ANGLE_FORMS if len(data.actuators.angle_columns) else ()
     if not {"surge_velocity", "sway_velocity", "north", "east"} & set(data.sensors):
         return tuple(actuators)

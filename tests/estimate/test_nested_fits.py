@@ -146,12 +146,13 @@ def test_the_rigid_body_decides_between_two_optima() -> None:
         assert covariance_of_optima(found)[1] == []
 
 
-@pytest.mark.parametrize("after", [37.0, slow(61.5)])
-def test_the_instant_of_a_loss_of_thrust_is_found_in_any_log(after: float) -> None:
+@pytest.mark.parametrize(("after", "until"), [(37.0, None), slow(61.5, None), (37.0, 2040.0)])
+def test_the_instants_of_a_loss_of_thrust_are_found_in_any_log(after: float, until: float | None) -> None:
     rng, time, runs = np.random.default_rng(6), clock(120.0, 5.0), []
     for number in range(3):
         torque = 230.0 * np.repeat(rng.choice([-1.0, 0.0, 1.0], 25), 25)[: len(time)]
-        lost = np.where(number * 1000.0 + time >= 1000.0 + after, 0.6, 1.0)
+        instant = number * 1000.0 + time
+        lost = np.where((instant >= 1000.0 + after) & (instant < (until or np.inf)), 0.6, 1.0)
         noise, disturbance = rng.normal(0.0, 1e-3, len(time)), gauss_markov(len(time), 0.2, 3.0, 20.0, rng)
         log = run(time, lost * torque, disturbance=disturbance, noise=noise)
         # What was commanded is the torque without the loss.
@@ -159,11 +160,13 @@ def test_the_instant_of_a_loss_of_thrust_is_found_in_any_log(after: float) -> No
         runs.append(replace(log, trial=commanded, torque=torque))
     objective = InnovationLikelihood(InnovationData(runs, LOGGED, ROSUB), 0.05)
     base = FitResult.at(objective, objective.parametrization.initial())
-    fitted = fit_with_effects(base, [effect_named("supply_sag:instant")])
-    gain, instant = fitted.model.values[-2:]
-    assert gain == pytest.approx(0.6, abs=3.0 * float(np.sqrt(fitted.covariance(sandwich=False)[-2, -2])))
-    # The torque at that instant decides within how many samples it shows.
-    assert 3600.0 * instant == pytest.approx(1000.0 + after, abs=5.0)
+    form = "supply_sag:instant" if until is None else "thruster_imbalance:torque between instants"
+    fitted = fit_with_effects(base, [effect_named(form)])
+    gain, *instants = fitted.model.values[3:]
+    assert gain == pytest.approx(0.6, abs=3.0 * float(np.sqrt(fitted.covariance(sandwich=False)[3, 3])))
+    # The torque at an instant decides within how many samples it shows.
+    expected = [1000.0 + after] if until is None else [1000.0 + after, until]
+    assert 3600.0 * np.array(instants) == pytest.approx(expected, abs=5.0)
     assert covariance_of_optima(fitted)[1] == []
 
 
