@@ -31,6 +31,7 @@ class Selection:
     waves: WaveTest | None = None  # last result of the test
     inconsistent: tuple[Effect, ...] = ()  # dropped because one-step predictions show less of them
     messages: tuple[str, ...] = ()  # on effects that are not claimed
+    dropped: FitResult | None = None  # model with effects that show only together, and are not established
 
     @property
     def is_adequate(self) -> bool:

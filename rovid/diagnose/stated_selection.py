@@ -27,6 +27,9 @@ from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, require_inertia
 from rovid.estimate.unknown_past import water_warning
 from rovid.model.parameter_names import without_form
 
+# Share of a model with effects that show only together, and that are likely, but not established. Convention.
+_EVEN = 0.5
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StatedSelection:
@@ -77,6 +80,10 @@ def _state(selection: Selection) -> StatedSelection:
         suspects(selection),
     )
     estimate = _average_over_forms(selection, model_estimate(model, white=model.is_white))
+    if selection.dropped is not None:
+        # Suspects are fitted one by one, and these effects show only together.
+        away = _deviation(estimate, selection.dropped)[np.newaxis]
+        estimate = replace(estimate, covariance=estimate.covariance + _between(away, np.array([_EVEN])))
     base_estimate = model_estimate(base, white=base.is_white)
     # Missing effects make one of the estimates uncertain; where both are, the vehicle was not excited.
     surer = min(base_estimate, estimate, key=lambda one: one.standard_error("inertia") / one.value("inertia"))

@@ -246,12 +246,13 @@ def drop_likely(selection: Selection, likely: Collection[str]) -> Selection:
     """Drop the effects with keys in ``likely``, and then the effects that fail a test without them."""
     if not likely:
         return selection
-    for effect in selection.model.effects:
+    together = selection.model
+    for effect in together.effects:
         if effect.key in likely:
             selection = selection.drop(effect)
     while (rejection := first_rejection(selection)) is not None:
         message = f"{rejection.effect.title} shows only next to an effect that is not established: it is not claimed."
-        selection = selection.with_message(message).drop(rejection.effect)
+        selection = replace(selection.with_message(message).drop(rejection.effect), dropped=together)
     return selection
 
 

@@ -135,6 +135,13 @@ def test_what_fails_without_the_dropped_cause_is_dropped_too(
     assert not stated.selection.search.is_allowed(BIAS)
 
 
+def test_effects_that_show_only_together_count_in_the_errors(selection: Selection) -> None:
+    without = replace(selection, model=selection.base)
+    plain, wider = (state(one).estimate for one in (without, replace(without, dropped=selection.model)))
+    off = selection.model.canonical().model.values[:3] - plain.values
+    assert wider.covariance - plain.covariance == pytest.approx(0.5 * np.outer(off, off))
+
+
 @pytest.mark.parametrize(
     ("errors", "probability", "expected"), [(2.9, 0.97, False), (3.1, 0.97, True), (9.0, 0.9, False)]
 )

@@ -361,6 +361,15 @@ def test_a_likely_effect_keeps_its_place_until_the_end(selection: Selection, mon
     assert validated.messages[-1] == "constant torque is not established: it is not claimed."
 
 
+def test_what_shows_only_next_to_a_likely_effect_is_kept_for_the_errors(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rejections = iter([validation.Rejection(effect=BIAS, reason="fails"), None])
+    monkeypatch.setattr(validation, "first_rejection", lambda _: next(rejections))
+    left = validation.drop_likely(selection, ["a likely one"])
+    assert (left.model.effects, left.dropped) == ((), selection.model)
+
+
 def test_an_effect_that_one_step_predictions_do_not_show_is_dropped(
     selection: Selection, monkeypatch: pytest.MonkeyPatch
 ) -> None:
