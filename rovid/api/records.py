@@ -17,7 +17,7 @@ from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, command_csv
 from rovid.estimate.maximum_likelihood import LikelihoodFit
-from rovid.export.run_export import VerifiedExport
+from rovid.export.verification import VerifiedExport
 from rovid.model.parameter_names import effect_ids
 from rovid.model.simulation import TrialSimulation, simulate_runs
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis

@@ -14,7 +14,7 @@ from rich.console import Console
 from rovid.core.formatting import SafeConsole, plus_minus, to_json
 from rovid.core.output_files import OutputSet
 from rovid.estimate.estimate import Estimate
-from rovid.export.run_export import select_exporter
+from rovid.export.verification import select_exporter
 from rovid.present.number_format import unit_symbol
 from rovid.store.parameter_file import Parameters
 from rovid.trial.fault import Fault

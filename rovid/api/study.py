@@ -20,7 +20,7 @@ from rovid.effects import Effect, effect_named
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.export.interface import export_input
 from rovid.export.planar_input import planar_input
-from rovid.export.run_export import select_exporter, verified_export
+from rovid.export.verification import select_exporter, verified_export
 from rovid.preflight.check import check_logs, check_trials, require_right_signs, reversed_thrusters
 from rovid.preflight.planar_check import check_planar, check_planar_trials
 from rovid.readers.campaign import campaign_of

@@ -1,9 +1,10 @@
-"""A rovid command that runs next to the page: its progress, its result and its cancellation."""
+"""A rovid command that runs next to the page and ends with it: its progress, its result and its cancellation."""
 
 import contextlib
 import json
 import os
 import re
+import runpy
 import secrets
 import signal
 import subprocess
@@ -15,7 +16,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from rovid.app.job_process import PATIENCE
+# Time in s between SIGTERM and SIGKILL.
+PATIENCE = 5.0
+
+
+def _end_with_the_page() -> None:
+    """Wait for the end of standard input, then end this process and its copies."""
+    while os.read(0, 1):
+        pass
+    if sys.platform == "win32":
+        os.kill(os.getpid(), signal.SIGTERM)
+    else:
+        os.killpg(0, signal.SIGTERM)
+        time.sleep(PATIENCE)
+        os.killpg(0, signal.SIGKILL)
 
 
 @dataclass(kw_only=True)
@@ -38,7 +52,7 @@ class Job:
         # PYTHONSAFEPATH: a folder of logs may hold a file with the name of a module.
         settings = {"ROVID_PROGRESS": "lines", "PYTHONIOENCODING": "utf-8", "PYTHONSAFEPATH": "1"}
         self.process = subprocess.Popen(  # noqa: S603 - our own program, and names of logs
-            [sys.executable, "-m", "rovid.app.job_process", *self.arguments, "--json"],
+            [sys.executable, "-m", "rovid.app.jobs", *self.arguments, "--json"],
             cwd=self.folder,
             env={**os.environ, **settings},
             stdin=subprocess.PIPE,
@@ -159,3 +173,8 @@ class JobQueue:
         """Cancel the running job."""
         if self.current is not None and self.current.state == "running":
             self.current.cancel()
+
+
+if __name__ == "__main__":
+    threading.Thread(target=_end_with_the_page, daemon=True).start()
+    runpy.run_module("rovid", run_name="__main__", alter_sys=True)

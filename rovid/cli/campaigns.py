@@ -46,7 +46,7 @@ def compare(
     pages = []
     if output is not None:
         from rovid.core.output_files import COMPARISON, OutputFile
-        from rovid.present.page.comparison import write_comparison
+        from rovid.present.page.render import write_comparison
 
         pages = [OutputFile(output, COMPARISON)]
     protected = [path for path in given if path.exists()]
@@ -112,7 +112,7 @@ def _compare_planar(given: list[Path], parameters: Path | None, matters: float, 
     """Compare two campaigns by the coupled model."""
     if not given:
         raise ConfigError("no campaign was given.", mend="Give one or two folders of logs or parameter files.")
-    from rovid.compare.planar import compare_planar, planar_campaigns
+    from rovid.compare.comparison import compare_planar, planar_campaigns
     from rovid.present.documents.planar import planar_comparison_document
     from rovid.present.terminal.planar import show_planar_comparison
 

@@ -128,11 +128,11 @@ def _manual(context: typer.Context, name: str | None) -> str | None:
 # Commands that share a module with others -> that module.
 _MODULES = {
     **dict.fromkeys(("init", "check", "convert"), "logs"),
-    **dict.fromkeys(("fit-drag", "fit-inertia"), "fit"),
-    **dict.fromkeys(("fit-thruster", "fit-thrust-scale"), "thrust"),
-    **dict.fromkeys(("effect", "discover"), "effects"),
+    **dict.fromkeys(("fit-drag", "fit-inertia", "fit-thruster", "fit-thrust-scale"), "fit"),
+    **dict.fromkeys(("effect", "discover"), "diagnose"),
+    **dict.fromkeys(("simulate", "control", "export"), "models"),
     **dict.fromkeys(("compare", "fleet"), "campaigns"),
-    **dict.fromkeys(("open", "mcp"), "serve"),
+    **dict.fromkeys(("open", "mcp"), "report"),
     "help": "cli",
 }
 for _name, _page in MANUAL.items():

@@ -1,12 +1,21 @@
-"""``rovid diagnose``."""
+"""``rovid diagnose``, ``rovid discover`` and ``rovid effect``."""
 
 from dataclasses import replace
 from pathlib import Path
 
 from rovid.cli import sessions
-from rovid.cli.context import compile_in_background, is_planar, prefetch_logs
+from rovid.cli.context import (
+    compile_in_background,
+    console,
+    is_planar,
+    named_axis,
+    open_logs,
+    prefetch_logs,
+    print_json,
+)
 from rovid.cli.options import add_effects
 from rovid.cli.streams import progress
+from rovid.core.errors import ConfigError, suggestion
 
 
 def diagnose(
@@ -55,3 +64,130 @@ def diagnose(
     from rovid.present.terminal.diagnosis import show_study_diagnosis
 
     sessions.print_result(diagnosis, study, stored, diagnosis_document, show_study_diagnosis, json=json)
+
+
+_ACTIONS = ("new", "try")
+
+
+def effect(
+    action: str,
+    name: str,
+    logs: list[Path] | None = None,
+    *,
+    axis: str | None = None,
+    force: bool = False,
+    json: bool = False,
+) -> None:
+    """Write an effect of your own, or try it on logs."""
+    if action not in _ACTIONS:
+        raise ConfigError(f"is {action!r}. {suggestion(action, _ACTIONS)}", where="ACTION")
+    if (action == "try") != bool(logs):
+        text = "are missing: `rovid effect try FILE LOGS`." if action == "try" else "are only for `rovid effect try`."
+        raise ConfigError(text, where="LOGS", mend="")
+    if logs:
+        _try(Path(name), logs, axis, json=json)
+    else:
+        _write(name, force=force, json=json)
+
+
+def _write(name: str, *, force: bool, json: bool) -> None:
+    """Write the files of a new effect."""
+    from rovid.core.output_files import NEW_EFFECT, OutputFile, OutputSet
+    from rovid.effects.catalogue import require_free_id
+    from rovid.effects.plugins import new_files
+    from rovid.present.console import print_path
+
+    require_free_id(name)
+    files = {OutputFile(Path(path), NEW_EFFECT): text for path, text in new_files(name).items()}
+    OutputSet([*files], force=force).write(files)
+    paths = [str(file.path) for file in files]
+    if json:
+        print_json({"schema": "rovid-effect/1", "effect": name, "files": paths, "warnings": []})
+        return
+    for path in paths:
+        print_path(console(), f"written to {path}")
+    print_path(console(), f"Test it: pytest {paths[1]}")
+    print_path(console(), f"Try it: rovid effect try {paths[0]} LOGS")
+
+
+def _try(path: Path, logs: list[Path], axis: str | None, *, json: bool) -> None:
+    """Fit the effect of a file, and print its gains."""
+    compile_in_background()
+    from rovid.core.budget import Budget
+    from rovid.diagnose.effect_trial import try_effect
+    from rovid.effects import load_plugins
+    from rovid.effects.plugins import forms_of
+    from rovid.present.documents.results import effect_trial_document
+    from rovid.present.terminal.diagnosis import show_effect_trial
+
+    load_plugins([path])
+    forms = forms_of(path)
+    study = open_logs(logs, None, named_axis(axis))
+    if study.runs is None:
+        raise ConfigError("are tables; an effect is tried on logs only.", where="LOGS", mend="Give logs.")
+    study.require_effects(forms)
+    study.require_sound()
+    with progress("Fitting …") as report:
+        found = try_effect(study.runs, study.vehicle, forms, Budget(seconds=study.default_budget, report=report))
+    if json:
+        print_json(effect_trial_document(found, study.remarks()))
+    else:
+        show_effect_trial(console(), found, study.remarks())
+
+
+def discover(
+    logs: list[Path],
+    *,
+    write: Path | None = None,
+    plot: Path | None = None,
+    axis: str | None = None,
+    budget: float | None = None,
+    effects_from: list[Path] | None = None,
+    force: bool = False,
+    json: bool = False,
+) -> None:
+    """Find a formula that predicts the unexplained torque."""
+    add_effects(effects_from)
+    compile_in_background()
+    from rovid.core.budget import Budget
+    from rovid.core.output_files import EFFECT_FILE, OutputFile, OutputSet, png_signature
+    from rovid.diagnose.formulas.discovery import discover as find_formulas
+    from rovid.effects.plugins import is_id
+    from rovid.present.console import print_path, show_caution, show_warnings
+    from rovid.present.documents.results import discovery_document
+    from rovid.present.terminal.diagnosis import show_discovery
+    from rovid.store.study import input_files
+
+    if write is not None and not (is_id(write.stem) and write.suffix == ".py"):
+        mend = "Use lower-case letters, digits and _, as in my_law.py."
+        raise ConfigError("is no name of an effect's file.", where=write, mend=mend)
+    files = {"effect": (write, EFFECT_FILE), "plot": (plot, png_signature("formula"))}
+    wanted = {name: OutputFile(path, signature) for name, (path, signature) in files.items() if path is not None}
+    outputs = OutputSet([*wanted.values()], force=force, protected=input_files(logs))
+    study = open_logs(logs, None, named_axis(axis))
+    if study.runs is None:
+        raise ConfigError("are tables; a formula is found in logs only.", where="LOGS", mend="Give logs.")
+    if not force:
+        study.require_sound()
+    with progress("Discovering …") as report:
+        found = find_formulas(study.runs, study.vehicle, report, Budget(seconds=budget or study.default_budget))
+    if found.formulas and wanted:
+        from rovid.present.plots.canvas import render_png
+        from rovid.present.plots.results import plot_formula
+
+        best, contents = found.formulas[0], dict[OutputFile, str | bytes]()
+        if write is not None:
+            contents[wanted["effect"]] = found.source(best, write.stem, study.vehicle.axis.name)
+        if plot is not None:
+            contents[wanted["plot"]] = render_png(plot_formula(found, best, study.runs, study.vehicle), "formula")
+        outputs.write(contents)
+    warnings = [*study.remarks(), *found.warnings]
+    written = {name: str(file.path) for name, file in wanted.items()} if found.formulas else {}
+    if json:
+        print_json(discovery_document(found, warnings) | written)
+        return
+    show_caution(console(), study.vehicle.assumptions)
+    show_discovery(console(), found)
+    show_warnings(console(), warnings)
+    for path in written.values():
+        print_path(console(), f"written to {path}")

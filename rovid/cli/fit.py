@@ -1,4 +1,4 @@
-"""``rovid fit-drag``, ``rovid fit-inertia`` and ``rovid fit``."""
+"""``rovid fit-drag``, ``fit-inertia``, ``fit``, ``fit-thruster`` and ``fit-thrust-scale``."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rovid.cli.context import compile_in_background, is_planar
+from rovid.cli.context import compile_in_background, console, existing_parameters, is_planar, print_json
 from rovid.cli.options import add_effects
 from rovid.cli.sessions import fit_and_store, open_planar_session, open_session, print_result, store_planar_fit
 from rovid.cli.streams import progress
+from rovid.core.errors import ConfigError, suggestion
 
 if TYPE_CHECKING:
     from rovid.cli.sessions import FitSession
+    from rovid.estimate.thrust_curve import ThrustScale
     from rovid.store.study import Study
+    from rovid.trial.vehicle import Vehicle
 
 
 def fit_drag(
@@ -97,3 +100,103 @@ def fit(
         *["--gyro"] * gyro,
         json=json,
     )
+
+
+def fit_thruster(
+    bench: Path,
+    *,
+    output: Path | None = None,
+    command: str | None = None,
+    thrust: str | None = None,
+    unit: str | None = None,
+    force: bool = False,
+    json: bool = False,
+) -> None:
+    """Fit a thrust curve to bench measurements."""
+    from rovid.core.output_files import CURVE, OutputFile, OutputSet
+    from rovid.estimate.thrust_curve import THRUST_UNITS, bench_readings, fit_thrust_curve
+    from rovid.present.documents.fits import bench_document
+    from rovid.present.terminal.results import show_bench
+    from rovid.trial.tables import CURVE_COLUMNS, curve_csv, read_table
+
+    if unit is not None and unit not in THRUST_UNITS:
+        synonyms = {"newton": "N", "kilonewton": "kN", "kg": "kgf", "g": "gf", "lb": "lbf", "pound": "lbf"}
+        raise ConfigError(f"is {unit!r}. {suggestion(unit, THRUST_UNITS, synonyms)}", where="--unit")
+    curve = OutputFile(output or Path(f"{bench.stem}_curve.csv"), CURVE)
+    outputs = OutputSet([curve], force=force, protected=[bench])
+    table = read_table(bench, headerless=CURVE_COLUMNS)
+    result = fit_thrust_curve(*bench_readings(table, command=command, thrust=thrust, unit=unit))
+    outputs.write({curve: curve_csv(result.curve.command, result.curve.thrust)})
+    if json:
+        print_json(bench_document(result, str(curve.path)))
+    else:
+        show_bench(console(), result, curve.path)
+
+
+def fit_thrust_scale(
+    tests: Path | None = None,
+    *,
+    before: Path | None = None,
+    after: Path | None = None,
+    added: float | None = None,
+    reference_error: float = 1.0,
+    json: bool = False,
+) -> None:
+    """Estimate the common scale of all thrust from a pull, a lift or a step of inertia."""
+    from rovid.estimate.thrust_curve import scale_from_step
+    from rovid.present.documents.fits import thrust_scale_document
+    from rovid.present.terminal.results import show_thrust_scale
+
+    given = 1.0
+    if tests is not None and before is None and after is None and added is None:
+        scale, given = _of_tests(tests, reference_error / 100.0)
+    elif tests is None and before is not None and after is not None and added is not None:
+        (first, one), (second, two) = ((path, existing_parameters(path)) for path in (before, after))
+        pairs = []
+        for path, stored in ((first, one), (second, two)):
+            if "inertia" not in stored.entries:
+                raise ConfigError("holds no inertia.", where=path, mend="Run `rovid fit` with -p for this file.")
+            pairs.append((stored.entries["inertia"].value, stored.entries["inertia"].standard_error))
+        scale = scale_from_step(pairs[0], pairs[1], added, reference_error / 100.0)
+    else:
+        text = "TESTS, or --before, --after and --added together, were expected."
+        raise ConfigError(text, where="rovid fit-thrust-scale", mend="See `rovid fit-thrust-scale --help`.")
+    if json:
+        print_json(thrust_scale_document(scale, given))
+    else:
+        show_thrust_scale(console(), scale, given)
+
+
+def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
+    """The scale by a table of pulls or lifts, and the scale that rovid.toml has already."""
+    import numpy as np
+
+    from rovid.estimate.thrust_curve import scale_from_lifts, scale_from_pulls
+    from rovid.trial.config import find_config, load_config
+    from rovid.trial.tables import PULL_COLUMNS, read_table
+
+    config, table = load_config(find_config([path])), read_table(path)
+    vehicle: Vehicle = config.vehicle
+    columns = {
+        thruster: [name for name in (signal.sources.get("csv", ""), thruster.name) if name in table.header][:1]
+        for thruster, signal in zip(vehicle.thrusters, config.commands, strict=True)
+        if thruster.curve is not None
+    }
+    measured = [name for name in PULL_COLUMNS if name in table.header]
+    if len(measured) != 1 or not any(columns.values()):
+        wanted = [signal.sources.get("csv", signal.name) for signal in config.commands]
+        text = f"has the columns {', '.join(table.header)}; one of force_N, weight_N and torque_Nm, and commands "
+        text += f"({', '.join(wanted)}) were expected."
+        raise ConfigError(text, where=path, mend=suggestion(measured[0] if measured else "force_N", table.header))
+    thrust = np.zeros(len(table.rows))
+    for thruster, (name, *_) in ((one, found) for one, found in columns.items() if found):
+        command, curve = table.numbers(name), thruster.curve
+        if curve is None:  # Left out above.
+            continue
+        if curve.excess(command):
+            low, high = curve.command[[0, -1]]
+            text = f"{name} leaves the curve of {thruster.name}, which ends at {low:g} and {high:g}."
+            raise ConfigError(text, where=path, mend="Delete these rows, or extend the curve.")
+        thrust += (thruster.arm if measured[0] == "torque_Nm" else 1.0) * curve(command)
+    fit = scale_from_lifts if measured[0] == "weight_N" else scale_from_pulls
+    return fit(thrust, table.numbers(measured[0]), reference_error), vehicle.thrust_scale

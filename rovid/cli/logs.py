@@ -52,7 +52,7 @@ def check(logs: list[Path], *, axis: str | None = None, axes: str | None = None,
     if planar:
         from rovid.preflight.planar_check import check_planar
         from rovid.present.documents.planar import planar_check_document
-        from rovid.store.planar_prior import planar_prior
+        from rovid.store.planar_study import planar_prior
 
         config = load_planar_config(find_config(logs))
         planar_prior(config)  # A wrong prior is refused before the fit.

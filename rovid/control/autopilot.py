@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid.control.actuators import ActuatorProbe, Allocation, command_torque, one_way_only
-from rovid.control.specs import LoopConditions
+from rovid.control.control_law import LoopConditions
 from rovid.control.tuning import OpenLoop, largest_bandwidth, linearise, pd_gains
 from rovid.core.array_types import ComplexArray, FloatArray
 from rovid.core.errors import DataError

@@ -21,8 +21,16 @@ from rovid.control.autopilot import (
     default_gains,
 )
 from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, StepMetrics, simulate_loops, step_metrics
-from rovid.control.control_law import NO_STATIC_TERMS, ControlLaw, static_terms_of
-from rovid.control.specs import WAVE_PERIOD, ControllerOptions, HeadingManoeuvre, LoopConditions, standard_manoeuvres
+from rovid.control.control_law import (
+    NO_STATIC_TERMS,
+    WAVE_PERIOD,
+    ControlLaw,
+    ControllerOptions,
+    HeadingManoeuvre,
+    LoopConditions,
+    standard_manoeuvres,
+    static_terms_of,
+)
 from rovid.core.errors import DataError
 from rovid.model.model import Model
 from rovid.store.parameter_file import Parameters

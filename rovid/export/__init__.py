@@ -22,7 +22,11 @@ class ExportFormat(NamedTuple):
 FORMATS: Mapping[str, ExportFormat] = {
     "gz-sim": ExportFormat("gazebo", "gz_sim.sdf", "export_gz_sim", "export_planar_gz_sim"),
     "uuv": ExportFormat(
-        "uuv", "uuv.xacro", planar="export_planar", other={".yaml": "export_yaml", ".yml": "export_yaml"}
+        "gazebo",
+        "uuv.xacro",
+        "export_uuv",
+        "export_planar_uuv",
+        other={".yaml": "export_uuv_yaml", ".yml": "export_uuv_yaml"},
     ),
     "vrx": ExportFormat("gazebo", "vrx.sdf", "export_vrx", "export_planar_vrx"),
     "stonefish": ExportFormat("stonefish", "stonefish.scn"),
@@ -30,8 +34,8 @@ FORMATS: Mapping[str, ExportFormat] = {
     "ros2": ExportFormat("rovid_equation", "ros2.yaml", "export_ros2", "export_planar_ros2"),
     "matlab": ExportFormat("rovid_equation", "rovid.mat", "export_matlab", "export_planar_matlab"),
     "json": ExportFormat("rovid_equation", "rovid.json", "export_json", "export_planar_json"),
-    "python-vehicle-simulator": ExportFormat("python_vehicle_simulator", "rovid_vehicle.py", planar="export_planar"),
-    "mss": ExportFormat("mss", "rovid_vehicle.m", planar="export_planar"),
+    "python-vehicle-simulator": ExportFormat("fossen", "rovid_vehicle.py", "export_module", "export_planar_module"),
+    "mss": ExportFormat("fossen", "rovid_vehicle.m", "export_mss", "export_planar_mss"),
     "ardupilot": ExportFormat("autopilots", "ardupilot.parm", "export_ardupilot", other={".py": "export_sitl"}),
     "px4": ExportFormat("autopilots", "px4.txt", "export_px4"),
 }

@@ -2,7 +2,7 @@
 
 Neither holds a model of the vehicle. ArduPilot's own simulated submarine has its inertia and drag in its source
 (SIM_Submarine.cpp). Its JSON interface (libraries/SITL/examples/JSON) takes the motion from another program: there the
-vehicle of `rovid.export.python_vehicle_simulator` moves. The names of the parameters stand in the sources that
+vehicle of `rovid.export.fossen` moves. The names of the parameters stand in the sources that
 `rovid.control.autopilot` cites.
 """
 
@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from rovid.control.autopilot import AUTOPILOTS, AutopilotLaw, autopilot_loop, autopilot_parameters, default_gains
-from rovid.control.specs import ControllerOptions, loop_conditions
+from rovid.control.control_law import ControllerOptions, loop_conditions
 from rovid.control.tuning import Margins
 from rovid.core.errors import DataError, escape_invisible
 from rovid.core.formatting import TextTemplates
 from rovid.core.output_files import export_mark
-from rovid.export import python_vehicle_simulator
+from rovid.export import fossen
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.rovid_equation import STEP, STEP_NOTE
 from rovid.export.thruster_curves import constant_trim, number_list
@@ -52,7 +52,7 @@ def export_px4(subject: ExportInput) -> ExportResult:
 
 def export_sitl(subject: ExportInput) -> ExportResult:
     """A program that moves the vehicle for ArduPilot's SITL."""
-    made = python_vehicle_simulator.export(subject)
+    made = fossen.export_module(subject)
     content = str(made.content).replace(export_mark("python-vehicle-simulator"), export_mark("ardupilot"))
     content = content.replace("\nimport math\n", "\nimport json\nimport math\nimport socket\nimport struct\n", 1)
     notes = (

@@ -11,8 +11,8 @@ from rovid.core.output_files import export_mark
 from rovid.export.body_equation import Scheme
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.planar_input import PlanarInput
-from rovid.export.resimulation import simulation
 from rovid.export.thruster_curves import THRUST_LAG, ThrusterCurve, ThrusterLag, number_list
+from rovid.export.verification import simulation
 
 _TEXTS = TextTemplates(__file__, "mujoco")
 

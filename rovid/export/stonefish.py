@@ -13,8 +13,8 @@ from rovid.core.formatting import TextTemplates, xml_attribute
 from rovid.core.output_files import export_mark
 from rovid.export.body_equation import Scheme
 from rovid.export.interface import ExportInput, ExportResult
-from rovid.export.resimulation import simulation
 from rovid.export.thruster_curves import ThrusterCurve, curve_comment, number_list, thruster_inputs
+from rovid.export.verification import simulation
 
 _TEXTS = TextTemplates(__file__, "stonefish")
 

@@ -16,7 +16,7 @@ from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.isolability import PairSeparation, SizedCause, expected_separations
 from rovid.estimate.steady_drag import DragFit
-from rovid.export.run_export import VerifiedExport
+from rovid.export.verification import VerifiedExport
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs
 from rovid.store.parameter_file import Parameters

@@ -59,7 +59,7 @@ def test_a_client_gets_the_documents_of_the_commands_and_nothing_is_written(tmp_
 
 
 def test_without_the_package_one_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rovid.cli.serve.find_spec", lambda _: None)
+    monkeypatch.setattr("rovid.cli.report.find_spec", lambda _: None)
     done = run_rovid("mcp")
     assert (done.code, done.out) == (2, "")
     assert "pip install 'rovid[mcp]'" in done.err

@@ -10,8 +10,7 @@ import numpy as np
 
 from rovid.control.actuators import ActuatorProbe, Allocation, allocate
 from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, simulate_loops
-from rovid.control.control_law import ControlLaw
-from rovid.control.specs import LoopConditions
+from rovid.control.control_law import ControlLaw, LoopConditions
 from rovid.control.tuning import OpenLoop, linearise
 from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named

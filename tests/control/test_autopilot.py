@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.control.autopilot import AUTOPILOTS, AutopilotLaw, autopilot_loop, autopilot_parameters, default_gains
-from rovid.control.specs import LoopConditions
+from rovid.control.control_law import LoopConditions
 from rovid.control.tuning import Margins
 from rovid.core.array_types import FloatArray
 from rovid.export.interface import ExportInput

@@ -10,6 +10,7 @@ import pytest
 
 from rovid.control.actuators import allocate
 from rovid.control.closed_loop import Plant
+from rovid.control.control_law import HeadingManoeuvre, LoopConditions, paper_runs, standard_manoeuvres
 from rovid.control.design import (
     choose_bandwidth,
     control_law,
@@ -18,7 +19,6 @@ from rovid.control.design import (
     simulate_pairs,
     without_model_aid,
 )
-from rovid.control.specs import HeadingManoeuvre, LoopConditions, paper_runs, standard_manoeuvres
 from rovid.control.tuning import pd_gains
 from rovid.effects import Effect, forms_for
 from rovid.model.model import Model

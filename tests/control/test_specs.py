@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rovid.control.specs import ControllerOptions, loop_conditions, standard_manoeuvres
+from rovid.control.control_law import ControllerOptions, loop_conditions, standard_manoeuvres
 from rovid.core.errors import ConfigError
 from tests.control.loops import PAPER
 

@@ -23,7 +23,7 @@ from scipy.io import loadmat
 from rovid.core.array_types import FloatArray
 from rovid.export import FORMATS
 from rovid.export.interface import export_input
-from rovid.export.resimulation import compare_motions
+from rovid.export.verification import compare_motions
 from rovid.store.load import read_parameters
 from rovid.trial.config import load_config
 from rovid.trial.trial import Trial

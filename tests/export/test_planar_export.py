@@ -23,8 +23,7 @@ from rovid.core.errors import ConfigError
 from rovid.effects import effect_named
 from rovid.export import FORMATS
 from rovid.export.planar_input import PlanarInput
-from rovid.export.resimulation import verification_commands
-from rovid.export.run_export import VerifiedExport, load_exporter, verified_export
+from rovid.export.verification import VerifiedExport, load_exporter, verification_commands, verified_export
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.model import BASE_NAMES, SNAME, PlanarModel, RudderModel
 from rovid.trial.vehicle import Rudder, ThrustCurve, Thruster, Vehicle

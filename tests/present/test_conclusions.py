@@ -9,8 +9,8 @@ from typing import Any, cast
 
 import pytest
 
+from rovid.control.control_law import paper_runs
 from rovid.control.design import ControllerDesign
-from rovid.control.specs import paper_runs
 from rovid.core.budget import BudgetUse
 from rovid.diagnose.result import next_experiment
 from rovid.present.page.summary import summarize

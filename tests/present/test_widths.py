@@ -13,7 +13,7 @@ import pytest
 
 from rovid.cli.cli import MANUAL
 from rovid.control import design
-from rovid.export import run_export
+from rovid.export import verification
 from rovid.preflight import check
 from rovid.present.page import build
 from rovid.present.plots import results
@@ -99,7 +99,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         (Study, "plan"),
         (design, "design_controller"),
         (build, "build_report"),
-        (run_export, "verified_export"),
+        (verification, "verified_export"),
         (results, "plan_picture"),
         (study, "read_campaign"),
     ):

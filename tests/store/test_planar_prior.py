@@ -7,7 +7,7 @@ import pytest
 from rovid.core.errors import ConfigError
 from rovid.planar.prior import PriorValue
 from rovid.store.parameter_file import Entry, Parameters
-from rovid.store.planar_prior import planar_prior
+from rovid.store.planar_study import planar_prior
 from rovid.store.study import config_files
 from rovid.trial.axis import PLANAR
 from rovid.trial.config import load_config, load_planar_config

@@ -22,10 +22,10 @@ from scipy.io import loadmat
 from rovid.cli import cli
 from rovid.effects import effect_named
 from rovid.export import FORMATS
+from rovid.export.fossen import derivative
+from rovid.export.gazebo import export_yaml
 from rovid.export.interface import ExportInput, ExportResult
-from rovid.export.mss import derivative
-from rovid.export.run_export import load_exporter, verified_export
-from rovid.export.uuv import export_yaml
+from rovid.export.verification import load_exporter, verified_export
 from rovid.model.model import Model
 from rovid.present.page.page_files import template_environment
 from rovid.present.plots import canvas

@@ -11,8 +11,7 @@ from rovid.diagnose.effect_trial import EffectGain, EffectTrial
 from rovid.diagnose.formulas.discovery import Discovery, Formula, units_of
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.estimate.isolability import IsolabilityMatrix
-from rovid.export.resimulation import Mismatch
-from rovid.export.run_export import VerifiedExport
+from rovid.export.verification import Mismatch, VerifiedExport
 from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
 from rovid.preflight.check import LogCheck, remark_document
 from rovid.preflight.clock_alignment import ClockOffset

@@ -5,14 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+from rovid.control.control_law import ControllerOptions, loop_conditions
 from rovid.control.design import ControllerDesign, design_controller
-from rovid.control.specs import ControllerOptions, loop_conditions
 from rovid.core.errors import DataError
 from rovid.core.output_files import OutputSet
 from rovid.estimate.estimate import Estimate
 from rovid.export import FORMATS
 from rovid.export.interface import export_input
-from rovid.export.run_export import VerifiedExport, load_exporter, verified_export
+from rovid.export.verification import VerifiedExport, load_exporter, verified_export
 from rovid.model.model import Model
 from rovid.model.simulation import simulate_runs
 from rovid.present.documents.diagnosis import all_faults

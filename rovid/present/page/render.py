@@ -1,4 +1,4 @@
-"""The report: one self-contained page, with its plots as files next to it."""
+"""The pages: the report of one axis with its plots, and the comparison of two campaigns."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -6,9 +6,13 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from markupsafe import Markup
+
 from rovid import __version__
+from rovid.compare.comparison import Comparison
 from rovid.core.formatting import plus_minus
-from rovid.core.output_files import OutputSet
+from rovid.core.output_files import OutputFile, OutputSet
 from rovid.diagnose.result import discriminating_experiment
 from rovid.effects import restoring_effect
 from rovid.estimate.inertia import METHODS
@@ -18,13 +22,81 @@ from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.page_files import claim_page, long_date, read_assets, template_environment, write_page
 from rovid.present.page.summary import size_words, summarize
 from rovid.present.page.viewer_data import viewer_document
-from rovid.present.plots.canvas import journal_plots
-from rovid.present.report_data import ReportData
+from rovid.present.plots.canvas import WIDTH, journal_plots, render_inline_svg
+from rovid.present.plots.results import plot_drag, plot_ratios
+from rovid.present.plots.trials import plot_before_after
+from rovid.present.report_data import ReportData, worst_first
 from rovid.present.residuals import rms_sizes, unexplained_torques
-from rovid.present.sentences import control_verdict, effect_title, evidence_definitions, evidence_words
+from rovid.present.sentences import (
+    cause_title,
+    comparison_headline,
+    comparison_sentences,
+    control_verdict,
+    document_key,
+    effect_title,
+    evidence_definitions,
+    evidence_words,
+)
 from rovid.present.tables import control, diagnosis, fits, trials
+from rovid.present.tables.diagnosis import changes_table, cross_prediction_table
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.fault import fault_texts
 from rovid.trial.vehicle import Vehicle, box_inertia
+
+_ROW_HEIGHTS = (1.7, 1.2)  # in
+
+
+def write_comparison(
+    claim: OutputSet, page: OutputFile, comparison: Comparison, guess: Assumptions, notes: Sequence[str]
+) -> None:
+    """Write the page. Raises OutputError if the page cannot be written; an earlier page stays complete."""
+    environment = template_environment()
+    environment.globals["guess"] = guess
+    context: dict[str, Any] = {
+        "comparison": comparison,
+        "headline": comparison_headline(comparison),
+        "reasons": list(comparison_sentences(comparison)),
+        "parameters": changes_table(comparison, guess),
+        "predictions": cross_prediction_table(comparison),
+        "pictures": list(_pictures(comparison)),
+        "causes": [list(map(cause_title, names)) for names in comparison.causes],
+        "warnings": [*comparison.warnings, *notes],
+        "today": long_date(datetime.now(UTC).date()),
+        "version": __version__,
+    }
+    claim.write({page: environment.get_template("comparison.html.j2").render(context)})
+
+
+def _pictures(comparison: Comparison) -> Iterator[tuple[Markup, str]]:
+    """Each picture with its caption."""
+    changes, axis = comparison.changes, comparison.a.axis
+    ratios = plot_ratios(changes, {name: parameter_title(document_key(name)) for name in changes.pair.names})
+    if ratios is not None:
+        yield (
+            render_inline_svg(ratios, "ratios"),
+            "B over A of each parameter, by itself, with its 95 % interval; filled: the parameter changed.",
+        )
+    rates = [run.rates.rate for campaign in (comparison.a, comparison.b) for run in campaign.runs]
+    fastest = float(np.nanmax(np.abs(np.concatenate(rates)))) if rates else 1.0
+    drag = plot_drag(changes, fastest, axis)
+    if drag is not None:
+        yield render_inline_svg(drag, "drag"), f"Drag against {axis.rate_words}, up to the fastest of both."
+    for runs, other in (("a", "b"), ("b", "a")):
+        by_other, own = (comparison.predictions.get((model, runs)) for model in (other, runs))
+        if by_other is None or own is None:
+            continue
+        worst, *_ = worst_first(by_other.simulations)
+        figure = plot_before_after(
+            by_other.simulations[worst],
+            own.simulations[worst],
+            width=WIDTH,
+            rows=_ROW_HEIGHTS,
+            names=(f"model of {other.upper()}", f"model of {runs.upper()}"),
+        )
+        trial = own.simulations[worst].run.trial.name
+        caption = f"{trial} of {runs.upper()}, which the other model predicts worst."
+        yield render_inline_svg(figure, f"worst-{runs}"), caption
+
 
 # Axis -> the side of a box that lies along it.
 _SIDE_ALONG = {"roll": "long", "pitch": "wide", "yaw": "high"}

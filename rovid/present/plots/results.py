@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from rovid.compare.difference_tests import DifferenceTest
 from rovid.control.closed_loop import ClosedLoopRun
+from rovid.control.control_law import paper_runs
 from rovid.control.design import ControllerDesign
-from rovid.control.specs import paper_runs
 from rovid.core.array_types import FloatArray
 from rovid.core.stats import NORMAL_95
 from rovid.diagnose.formulas.discovery import Discovery, Formula

@@ -16,8 +16,7 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.oscillation_tests import FreeDecay, Quantity, analyse_free_decay
 from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.thrust_curve import ThrustCurveFit, ThrustScale
-from rovid.export.resimulation import Mismatch
-from rovid.export.run_export import VerifiedExport
+from rovid.export.verification import Mismatch, VerifiedExport
 from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
 from rovid.present.console import (

@@ -9,7 +9,7 @@ from rovid.compare.campaign_fit import campaign_from_parameters
 from rovid.compare.comparison import Comparison, compare
 from rovid.compare.difference_tests import change_candidates, find_changes
 from rovid.core.output_files import COMPARISON, OutputFile, OutputSet
-from rovid.present.page.comparison import write_comparison
+from rovid.present.page.render import write_comparison
 from rovid.present.plots import canvas
 from rovid.present.plots.results import plot_drag, plot_ratios
 from rovid.trial.assumptions import Assumptions

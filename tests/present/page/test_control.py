@@ -17,9 +17,8 @@ import pytest
 from rovid.control.closed_loop import limit_cycle
 from rovid.control.design import ControllerDesign
 from rovid.export import FORMATS
-from rovid.export.resimulation import Mismatch
-from rovid.export.run_export import ExportLoss, VerifiedExport
 from rovid.export.stability import Stability
+from rovid.export.verification import ExportLoss, Mismatch, VerifiedExport
 from rovid.present.number_format import format_number
 from rovid.present.page import build
 from rovid.present.page.figures import ReportFigures, draw_figures
