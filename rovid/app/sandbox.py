@@ -59,19 +59,14 @@ def session_folder() -> Iterator[SessionFolder]:
 def _remove_stale() -> None:
     for path in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
         with contextlib.suppress(OSError, Timeout):
-            if not _is_own_folder(path) or not (
-                (path / _LOCK).exists() or time.time() - path.lstat().st_mtime > _STARTED
-            ):
+            # Whether this is a folder of this user and no link; other users may write to the folder above.
+            status = path.lstat()
+            is_own_folder = stat.S_ISDIR(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
+            if not is_own_folder or not ((path / _LOCK).exists() or time.time() - path.lstat().st_mtime > _STARTED):
                 continue
             with FileLock(path / _LOCK, timeout=0):
                 _delete_unfinished(path / _UNFINISHED)
             shutil.rmtree(path, ignore_errors=True)
-
-
-def _is_own_folder(path: Path) -> bool:
-    """Whether this is a folder of this user and no link; other users may write to the folder above."""
-    status = path.lstat()
-    return stat.S_ISDIR(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
 
 
 def _delete_unfinished(notes: Path) -> None:

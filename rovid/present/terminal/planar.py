@@ -47,7 +47,9 @@ def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy) -> Non
     """Print the answer, the parameters, and what the logs do not determine."""
     show_caution(console, study.vehicle.assumptions)
     show_faults(console, study.logs.faults)
-    print_labelled(console, fit_sentence(fit), _agreement_words(fit))
+    r2 = [f"{sensor_words(sensor)} {value:.3f}" for sensor, value in fit.free_run_r2.items() if math.isfinite(value)]
+    agreement_words = f"R² of the free-running simulation: {join_words(r2)}." if r2 else ""
+    print_labelled(console, fit_sentence(fit), agreement_words)
     console.print()
     console.print(estimate_table(fit.estimate, coupled=True))
     for text in undetermined_sentences(fit):
@@ -70,11 +72,6 @@ def fit_sentence(fit: PlanarFit) -> str:
     if effects:
         model += f", with {join_words(effects)}"
     return f"{model}: the logs determine {determined} of {len(estimate.names)} parameters."
-
-
-def _agreement_words(fit: PlanarFit) -> str:
-    r2 = [f"{sensor_words(sensor)} {value:.3f}" for sensor, value in fit.free_run_r2.items() if math.isfinite(value)]
-    return f"R² of the free-running simulation: {join_words(r2)}." if r2 else ""
 
 
 def undetermined_sentences(fit: PlanarFit) -> list[str]:

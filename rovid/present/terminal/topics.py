@@ -96,7 +96,9 @@ def topic_text(topic: str) -> str:
 
         nearest = suggestion(topic, there, _ALSO | dict(SYNONYMS))
         mend = "`rovid help` lists them all."
-        if holding := _pages_with(topic):
+        # The three pages on which ``words`` stand most often.
+        counts = {page: _path(page).read_text(encoding="utf-8").lower().count(topic.lower()) for page in TOPICS}
+        if holding := sorted(filter(counts.get, counts), key=counts.__getitem__, reverse=True)[:3]:
             mend = f"The words stand most often on the pages {quoted_list(holding)}. {mend}"
         raise ConfigError(f"there is no page {topic!r}. {nearest}", mend=mend)
     page = _COMMENT.sub("", _path(topic).read_text(encoding="utf-8"))
@@ -105,12 +107,6 @@ def topic_text(topic: str) -> str:
     if "sample_logs/" in page:
         page += "\nThe sample logs come with rovid's sources.\n"
     return page
-
-
-def _pages_with(words: str) -> list[str]:
-    """The three pages on which ``words`` stand most often."""
-    counts = {page: _path(page).read_text(encoding="utf-8").lower().count(words.lower()) for page in TOPICS}
-    return sorted(filter(counts.get, counts), key=counts.__getitem__, reverse=True)[:3]
 
 
 def _folder() -> Path:
