@@ -10,8 +10,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from rovid.app.decimation import columns_document
-from rovid.app.form_state import FormState, choices_of, parse_form, read_form_data, sha256_digest, with_form_data
+from rovid.app.form_state import (
+    FormState,
+    choices_of,
+    columns_document,
+    parse_form,
+    read_form_data,
+    sha256_digest,
+    with_form_data,
+)
 from rovid.app.sandbox import RootFolder
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
 from rovid.core.input_files import read_toml, require_exists

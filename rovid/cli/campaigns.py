@@ -1,30 +1,39 @@
-"""``rovid compare`` and ``rovid fleet``: several campaigns."""
+"""``rovid compare``, ``rovid fleet`` and ``rovid watch``: whole campaigns."""
 
 from __future__ import annotations
 
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import typer
+
 from rovid.cli import context
+from rovid.cli.context import compile_in_background, console, parameters_at, reserve_outputs
+from rovid.cli.options import SharedOptions
+from rovid.cli.sessions import diagnose_study, store_estimate
 from rovid.cli.streams import progress
-from rovid.core.errors import ConfigError
+from rovid.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
+    from rich.status import Status
+
     from rovid.compare.campaign_fit import CampaignFit
+    from rovid.estimate.estimate import Estimate
+    from rovid.estimate.experiment_design import ExperimentPlan
+    from rovid.present.documents.fits import Document
+    from rovid.store.study import Study
+    from rovid.store.watch_session import Event, StopCriterion
     from rovid.trial.axis import Axis
 
 
 def compare(
-    campaigns: list[Path] | None = None,
-    *,
-    axis: str | None = None,
-    axes: str | None = None,
-    parameters: Path | None = None,
-    output: Path | None = None,
-    matters: float = 10.0,
-    cutoff: float | None = None,
-    force: bool = False,
-    json: bool = False,
+    campaigns: list[Path] | None = None, *, output: Path | None = None, matters: float = 10.0, shared: SharedOptions
 ) -> None:
     """Find what changed between two campaigns."""
     given = campaigns or []
@@ -33,8 +42,8 @@ def compare(
             f"{len(given)} campaigns were given; at most two were expected.",
             mend="Give each campaign's folder, not its single logs.",
         )
-    if context.is_planar(axes, axis, cutoff=cutoff, output=output):
-        _compare_planar(given, parameters, matters / 100.0, json=json)
+    if context.is_planar(shared, output=output):
+        _compare_planar(given, shared, matters / 100.0)
         return
     context.compile_in_background()
     from rovid.compare.comparison import compare as compare_campaigns
@@ -42,7 +51,7 @@ def compare(
     from rovid.present.terminal.diagnosis import show_comparison
     from rovid.store.load import history_output
 
-    current = context.parameters_at(parameters, axis).path
+    current = context.parameters_at(shared).path
     pages = []
     if output is not None:
         from rovid.core.output_files import COMPARISON, OutputFile
@@ -50,15 +59,15 @@ def compare(
 
         pages = [OutputFile(output, COMPARISON)]
     protected = [path for path in given if path.exists()]
-    outputs = context.reserve_outputs(pages, protected, current, history_output(current).path, force=force)
+    outputs = context.reserve_outputs(pages, protected, current, history_output(current).path, force=shared.force)
     with progress("Reading …") as report:
-        (a, b), notes = _campaigns(given, parameters, axis, cutoff)
+        (a, b), notes = _campaigns(given, shared)
         comparison = compare_campaigns(a, b, relevant_change=matters / 100.0, report=report)
         assumptions = comparison.a.assumptions | comparison.b.assumptions
         for page in pages:
             report("Drawing and writing the page …")
             write_comparison(outputs, page, comparison, assumptions, notes)
-    if json:
+    if shared.json:
         document = comparison_document(comparison, assumptions, notes)
         for page in pages:
             document["page"] = str(page.path)
@@ -69,9 +78,7 @@ def compare(
         context.console().print(str(page.path), highlight=False, soft_wrap=True)
 
 
-def _campaigns(
-    given: list[Path], parameters: Path | None, axis: str | None, cutoff: float | None
-) -> tuple[tuple[CampaignFit, CampaignFit], list[str]]:
+def _campaigns(given: list[Path], shared: SharedOptions) -> tuple[tuple[CampaignFit, CampaignFit], list[str]]:
     """Campaigns A and B, with remarks on the parameter file."""
     from rovid.compare.campaign_fit import campaign_from_file, previous_campaign
 
@@ -79,11 +86,10 @@ def _campaigns(
         names = [path.resolve().name for path in given]
         if names[0] == names[1]:
             names = list(map(str, given))
-        a, b = (
-            _campaign([path], name, context.named_axis(axis), cutoff) for path, name in zip(given, names, strict=True)
-        )
+        axis = context.named_axis(shared.axis)
+        a, b = (_campaign([path], name, axis, shared.cutoff) for path, name in zip(given, names, strict=True))
         return (a, b), []
-    stored = context.existing_parameters(parameters, axis)
+    stored, cutoff = context.existing_parameters(shared), shared.cutoff
     notes = context.require_fresh(stored, None)
     if given and not _is_parameter_file(given[0]):
         logs = context.stored_logs(stored)
@@ -108,7 +114,7 @@ def _is_parameter_file(path: Path) -> bool:
     return path.is_file() and (path.suffix == ".toml" or PARAMETERS.matches(path))
 
 
-def _compare_planar(given: list[Path], parameters: Path | None, matters: float, *, json: bool) -> None:
+def _compare_planar(given: list[Path], shared: SharedOptions, matters: float) -> None:
     """Compare two campaigns by the coupled model."""
     if not given:
         raise ConfigError("no campaign was given.", mend="Give one or two folders of logs or parameter files.")
@@ -118,12 +124,12 @@ def _compare_planar(given: list[Path], parameters: Path | None, matters: float, 
 
     notes: list[str] = []
     if len(given) == 1:
-        stored = context.existing_parameters(parameters, planar=True)
+        stored = context.existing_parameters(shared, planar=True)
         given, notes = [*given, stored.path], context.require_fresh(stored, None)
     with progress("Reading …") as report:
         a, b = planar_campaigns((given[0], given[1]), report)
         comparison = compare_planar(a, b, relevant_change=matters)
-    if json:
+    if shared.json:
         context.print_json(planar_comparison_document(comparison, notes))
     else:
         show_planar_comparison(context.console(), comparison, notes)
@@ -137,20 +143,137 @@ def fleet(
     cluster: str = "",
     timeout: float = 3600.0,
     shrink: bool = False,
-    axis: str | None = None,
-    cutoff: float | None = None,
-    force: bool = False,
-    json: bool = False,
+    shared: SharedOptions,
 ) -> None:
     """Diagnose many campaigns and summarise them."""
     from rovid.fleet.run import FleetOptions, fleet_document, run_fleet, show_fleet
 
     options = FleetOptions(
-        axis=context.named_axis(axis).name, cutoff=cutoff, jobs=jobs, cluster=cluster, patience=timeout, shrink=shrink
+        axis=context.named_axis(shared.axis).name,
+        cutoff=shared.cutoff,
+        jobs=jobs,
+        cluster=cluster,
+        patience=timeout,
+        shrink=shrink,
     )
     with progress("Looking for campaigns …") as report:
-        result = run_fleet(folders, output, options, force=force, report=report)
-    if json:
+        result = run_fleet(folders, output, options, force=shared.force, report=report)
+    if shared.json:
         context.print_json(fleet_document(result))
     else:
         show_fleet(context.console(), result)
+
+
+def watch(
+    folder: Path,
+    *,
+    until: str | None = None,
+    once: bool = False,
+    no_diagnosis: bool = False,
+    output: Path = Path("plan.csv"),
+    interval: float = 2.0,
+    whole: float = 5.0,
+    cut: float = 60.0,
+    shared: SharedOptions,
+) -> None:
+    """Follow a trial day: results after each log, and the next run."""
+    compile_in_background()
+    from rovid.core.output_files import PLAN, OutputFile
+    from rovid.estimate.experiment_design import command_csv
+    from rovid.store.folder_monitor import FolderMonitor, Problem
+    from rovid.store.watch_session import SessionActions, WatchSession, parse_criteria
+
+    if folder.is_file():
+        raise ConfigError("is a file; a folder was expected.", where=folder, mend="Give the folder of the logs.")
+    stored = parameters_at(shared, force=shared.force)
+    criteria = parse_criteria(until, stored.axis, diagnosed=not no_diagnosis) if until else ()
+    commands = OutputFile(output, PLAN)
+    outputs = reserve_outputs([stored.output, commands], [folder], force=shared.force)
+
+    def keep(study: Study, estimate: Estimate) -> None:
+        store_estimate(stored, outputs, study, estimate, with_history=False)
+
+    def write(plan: ExperimentPlan) -> Path:
+        outputs.write({commands: command_csv(plan)})
+        return output
+
+    diagnose = None if no_diagnosis else partial(diagnose_study, stored, budget=shared.budget)
+    actions = SessionActions(diagnose=diagnose, keep=keep, write=write, cutoff=shared.cutoff)
+    monitor = FolderMonitor(path=folder, axis=stored.axis, settled=whole, abandoned=cut, once=once)
+    problems: list[str] = []
+    with _progress() as status:
+        report = (lambda _: None) if status is None else status.update
+        session = WatchSession(monitor, actions, criteria, interval=interval, report=report)
+        show = _printer(folder, criteria, interval, once=once, json=shared.json)
+        with _interruptible() as interruption:
+            for event in session.events():
+                if isinstance(event, Problem):
+                    problems.append(f"{event.where}: {event.text}")
+                with _paused(status):
+                    show(event)
+        if interruption:
+            with _paused(status):
+                show(session.ended("interrupted"))
+    if once and not session.ended("once").logs:
+        raise LogError(problems[-1] if problems else "holds no logs.", where="" if problems else folder)
+
+
+def _printer(
+    folder: Path, criteria: Sequence[StopCriterion], interval: float, *, once: bool, json: bool
+) -> Callable[[Event], None]:
+    """Print the start of the session; return a function that prints an event."""
+    from rovid.core.formatting import to_json_line
+    from rovid.present.terminal.watch import show_watch_event, show_watch_start, watch_documents, watch_start_document
+
+    def print_line(document: Document) -> None:
+        typer.echo(to_json_line(document))
+        # A program may be reading.
+        sys.stdout.flush()
+
+    def show(event: Event) -> None:
+        if json:
+            for document in watch_documents(event):
+                print_line(document)
+        else:
+            show_watch_event(console(), event, at=None if once else datetime.now().astimezone())
+
+    if json:
+        print_line(watch_start_document(folder, criteria))
+    else:
+        show_watch_start(console(), folder, criteria, interval, once=once)
+    return show
+
+
+@contextmanager
+def _interruptible() -> Iterator[list[str]]:
+    """Let Ctrl-C or SIGTERM end the block; the yielded list then has an item."""
+    interruption: list[str] = []
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield interruption
+    except KeyboardInterrupt:
+        interruption.append("interrupted")
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+
+
+@contextmanager
+def _progress() -> Iterator[Status | None]:
+    """The progress line on a terminal, below the printed text."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rovid.core.formatting import SafeConsole
+
+    with SafeConsole(stderr=True).status("Looking …") as status:
+        yield status
+
+
+@contextmanager
+def _paused(status: Status | None) -> Iterator[None]:
+    """Remove the progress line while something is printed."""
+    if status is not None:
+        status.stop()
+    yield
+    if status is not None:
+        status.start()

@@ -16,6 +16,7 @@ from rovid.core.errors import ConfigError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from rovid.cli.options import SharedOptions
     from rovid.core.output_files import OutputFile, OutputSet
     from rovid.readers.campaign import PrefetchedReader, TrialReader
     from rovid.store.parameter_file import Parameters
@@ -28,14 +29,15 @@ if TYPE_CHECKING:
 _WIDTH = 160
 
 
-def is_planar(axes: str | None, axis: str | None, **unsupported: object) -> bool:
+def is_planar(shared: SharedOptions, **unsupported: object) -> bool:
     """Whether the coupled model of surge, sway and yaw is wanted.
 
-    ``unsupported`` are options that the coupled model does not have, by name. Raises ConfigError if there are no such
-    ``axes``, or a single ``axis`` or an unsupported option is given as well.
+    ``unsupported`` are options that the coupled model does not have, by name, besides --cutoff. Raises ConfigError if
+    there are no such axes, or a single axis or an unsupported option is given as well.
     """
     from rovid.trial.axis import PLANAR
 
+    axes, axis = shared.axes, shared.axis
     if axes is None:
         return False
     if axes != PLANAR.name:
@@ -44,28 +46,26 @@ def is_planar(axes: str | None, axis: str | None, **unsupported: object) -> bool
     if axis is not None:
         mend = "Leave --axis out, or leave --axes out."
         raise ConfigError(f"is given together with --axis {axis}.", where="--axes", mend=mend)
-    for name, value in unsupported.items():
+    for name, value in {**unsupported, "cutoff": shared.cutoff}.items():
         if value:
             option = f"--{name.replace('_', '-')}"
             raise ConfigError(f"does not exist with --axes {axes}.", where=option, mend=f"Leave {option} out.")
     return True
 
 
-def parameters_at(
-    path: Path | None, axis: str | None = None, *, planar: bool = False, force: bool = False
-) -> Parameters:
+def parameters_at(shared: SharedOptions, *, planar: bool = False, force: bool = False) -> Parameters:
     """The parameter file, or an empty one if the file does not exist or is replaced with --force."""
     from rovid.core.output_files import PARAMETERS
     from rovid.store.parameter_file import Parameters
     from rovid.trial.axis import PLANAR
 
-    file = _parameter_path(path, axis, planar=planar)
+    file = _parameter_path(shared, planar=planar)
     if file.exists() and not (force and file.is_file() and not PARAMETERS.matches(file)):
-        return existing_parameters(file, axis, planar=planar)
-    return Parameters(path=file, axis=PLANAR if planar else named_axis(axis))
+        return existing_parameters(shared, planar=planar)
+    return Parameters(path=file, axis=PLANAR if planar else named_axis(shared.axis))
 
 
-def existing_parameters(path: Path | None, axis: str | None = None, *, planar: bool = False) -> Parameters:
+def existing_parameters(shared: SharedOptions, *, planar: bool = False) -> Parameters:
     """The parameter file, which has to exist and to be of this axis, or of the coupled model if ``planar``.
 
     Raises ConfigError if the file is missing or damaged, or holds the parameters of another model.
@@ -73,7 +73,7 @@ def existing_parameters(path: Path | None, axis: str | None = None, *, planar: b
     from rovid.store.load import read_parameters
     from rovid.trial.axis import PLANAR
 
-    file = _parameter_path(path, axis, planar=planar)
+    file, axis = _parameter_path(shared, planar=planar), shared.axis
     if planar and not file.exists():
         mend = "Run `rovid fit --axes planar LOGS` first, or give a parameter file with -p."
         raise ConfigError("there is no such parameter file.", where=file, mend=mend)
@@ -91,11 +91,11 @@ def existing_parameters(path: Path | None, axis: str | None = None, *, planar: b
     raise ConfigError(text, where=stored.path, mend=mend)
 
 
-def yaw_parameters(path: Path | None) -> Parameters:
+def yaw_parameters(shared: SharedOptions) -> Parameters:
     """The parameter file, which has to exist and to be of yaw."""
     from rovid.trial.axis import YAW
 
-    stored = existing_parameters(path)
+    stored = existing_parameters(shared)
     if stored.axis is not YAW:
         raise ConfigError(
             f"holds the parameters of {stored.axis.name}; those of yaw were expected.",
@@ -105,10 +105,10 @@ def yaw_parameters(path: Path | None) -> Parameters:
     return stored
 
 
-def _parameter_path(path: Path | None, axis: str | None, *, planar: bool = False) -> Path:
+def _parameter_path(shared: SharedOptions, *, planar: bool = False) -> Path:
     from rovid.trial.axis import PLANAR, parameter_file_name
 
-    return path or Path(parameter_file_name(PLANAR.name if planar else named_axis(axis).name))
+    return shared.parameters or Path(parameter_file_name(PLANAR.name if planar else named_axis(shared.axis).name))
 
 
 def named_axis(name: str | None) -> Axis:
@@ -150,9 +150,7 @@ def open_planar_logs(paths: Sequence[Path]) -> PlanarStudy:
         return open_planar_study(paths, report)
 
 
-def prefetch_logs(
-    logs: Sequence[Path] | None, parameters: Path | None, axis: str | None, *, force: bool
-) -> PrefetchedReader:
+def prefetch_logs(logs: Sequence[Path] | None, shared: SharedOptions) -> PrefetchedReader:
     """Read the logs in a copy of this process while this process imports the diagnosis, which takes a second."""
     from rovid.readers.campaign import PrefetchedReader
 
@@ -162,9 +160,9 @@ def prefetch_logs(
         preload()
 
     def logs_and_axis() -> tuple[Sequence[Path], Axis]:
-        if logs and not _parameter_path(parameters, axis).exists():
-            return logs, named_axis(axis)
-        stored = parameters_at(parameters, axis, force=force)
+        if logs and not _parameter_path(shared).exists():
+            return logs, named_axis(shared.axis)
+        stored = parameters_at(shared, force=shared.force)
         return logs or stored_logs(stored), stored.axis
 
     return PrefetchedReader(logs_and_axis, import_diagnosis)

@@ -13,45 +13,34 @@ from rovid.cli.context import (
     prefetch_logs,
     print_json,
 )
-from rovid.cli.options import add_effects
+from rovid.cli.options import SharedOptions
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError, suggestion
 
 
-def diagnose(
-    logs: list[Path] | None = None,
-    *,
-    axis: str | None = None,
-    axes: str | None = None,
-    parameters: Path | None = None,
-    cutoff: float | None = None,
-    budget: float | None = None,
-    force: bool = False,
-    effects_from: list[Path] | None = None,
-    json: bool = False,
-) -> None:
+def diagnose(logs: list[Path] | None = None, *, shared: SharedOptions) -> None:
     """Find the errors of the simulation and their causes."""
-    add_effects(effects_from)
-    if is_planar(axes, axis, cutoff=cutoff):
+    force, budget = shared.force, shared.budget
+    if is_planar(shared):
         from rovid.present.documents.planar import planar_diagnosis_document
         from rovid.present.terminal.planar import show_planar_diagnosis
 
-        coupled = sessions.open_planar_session(logs, parameters, force=force, require_sound=False)
+        coupled = sessions.open_planar_session(logs, shared, require_sound=False)
         with progress("Diagnosing …", budget or coupled.study.logs.default_budget) as report:
             found = coupled.study.diagnosis(report, force=force, budget=budget)
         found = replace(found, warnings=(*found.warnings, *coupled.notes))
         stored = None
         if found.extended is not None:
             stored = sessions.store_planar_fit(coupled, found.extended.fit)
-        sessions.print_result(found, coupled.study, stored, planar_diagnosis_document, show_planar_diagnosis, json=json)
+        sessions.print_result(
+            found, coupled.study, stored, planar_diagnosis_document, show_planar_diagnosis, json=shared.json
+        )
         return
-    with prefetch_logs(logs, parameters, axis, force=force) as prefetch:
+    with prefetch_logs(logs, shared) as prefetch:
         if compile_in_background():
             # The compilation already uses the second core.
             prefetch.stop()
-        session = sessions.open_session(
-            logs, parameters, axis, cutoff, force=force, with_history=True, require_sound=False, prefetch=prefetch
-        )
+        session = sessions.open_session(logs, shared, with_history=True, require_sound=False, prefetch=prefetch)
     study = session.study
     with progress("Diagnosing …", budget or study.default_budget) as report:
         diagnosis = sessions.diagnose_study(session.stored, study, report, force=force, budget=budget)
@@ -63,21 +52,13 @@ def diagnose(
     from rovid.present.documents.diagnosis import diagnosis_document
     from rovid.present.terminal.diagnosis import show_study_diagnosis
 
-    sessions.print_result(diagnosis, study, stored, diagnosis_document, show_study_diagnosis, json=json)
+    sessions.print_result(diagnosis, study, stored, diagnosis_document, show_study_diagnosis, json=shared.json)
 
 
 _ACTIONS = ("new", "try")
 
 
-def effect(
-    action: str,
-    name: str,
-    logs: list[Path] | None = None,
-    *,
-    axis: str | None = None,
-    force: bool = False,
-    json: bool = False,
-) -> None:
+def effect(action: str, name: str, logs: list[Path] | None = None, *, shared: SharedOptions) -> None:
     """Write an effect of your own, or try it on logs."""
     if action not in _ACTIONS:
         raise ConfigError(f"is {action!r}. {suggestion(action, _ACTIONS)}", where="ACTION")
@@ -85,12 +66,12 @@ def effect(
         text = "are missing: `rovid effect try FILE LOGS`." if action == "try" else "are only for `rovid effect try`."
         raise ConfigError(text, where="LOGS", mend="")
     if logs:
-        _try(Path(name), logs, axis, json=json)
+        _try(Path(name), logs, shared)
     else:
-        _write(name, force=force, json=json)
+        _write(name, shared)
 
 
-def _write(name: str, *, force: bool, json: bool) -> None:
+def _write(name: str, shared: SharedOptions) -> None:
     """Write the files of a new effect."""
     from rovid.core.output_files import NEW_EFFECT, OutputFile, OutputSet
     from rovid.effects.catalogue import require_free_id
@@ -99,9 +80,9 @@ def _write(name: str, *, force: bool, json: bool) -> None:
 
     require_free_id(name)
     files = {OutputFile(Path(path), NEW_EFFECT): text for path, text in new_files(name).items()}
-    OutputSet([*files], force=force).write(files)
+    OutputSet([*files], force=shared.force).write(files)
     paths = [str(file.path) for file in files]
-    if json:
+    if shared.json:
         print_json({"schema": "rovid-effect/1", "effect": name, "files": paths, "warnings": []})
         return
     for path in paths:
@@ -110,7 +91,7 @@ def _write(name: str, *, force: bool, json: bool) -> None:
     print_path(console(), f"Try it: rovid effect try {paths[0]} LOGS")
 
 
-def _try(path: Path, logs: list[Path], axis: str | None, *, json: bool) -> None:
+def _try(path: Path, logs: list[Path], shared: SharedOptions) -> None:
     """Fit the effect of a file, and print its gains."""
     compile_in_background()
     from rovid.core.budget import Budget
@@ -122,32 +103,21 @@ def _try(path: Path, logs: list[Path], axis: str | None, *, json: bool) -> None:
 
     load_plugins([path])
     forms = forms_of(path)
-    study = open_logs(logs, None, named_axis(axis))
+    study = open_logs(logs, None, named_axis(shared.axis))
     if study.runs is None:
         raise ConfigError("are tables; an effect is tried on logs only.", where="LOGS", mend="Give logs.")
     study.require_effects(forms)
     study.require_sound()
     with progress("Fitting …") as report:
         found = try_effect(study.runs, study.vehicle, forms, Budget(seconds=study.default_budget, report=report))
-    if json:
+    if shared.json:
         print_json(effect_trial_document(found, study.remarks()))
     else:
         show_effect_trial(console(), found, study.remarks())
 
 
-def discover(
-    logs: list[Path],
-    *,
-    write: Path | None = None,
-    plot: Path | None = None,
-    axis: str | None = None,
-    budget: float | None = None,
-    effects_from: list[Path] | None = None,
-    force: bool = False,
-    json: bool = False,
-) -> None:
+def discover(logs: list[Path], *, write: Path | None = None, plot: Path | None = None, shared: SharedOptions) -> None:
     """Find a formula that predicts the unexplained torque."""
-    add_effects(effects_from)
     compile_in_background()
     from rovid.core.budget import Budget
     from rovid.core.output_files import EFFECT_FILE, OutputFile, OutputSet, png_signature
@@ -163,14 +133,14 @@ def discover(
         raise ConfigError("is no name of an effect's file.", where=write, mend=mend)
     files = {"effect": (write, EFFECT_FILE), "plot": (plot, png_signature("formula"))}
     wanted = {name: OutputFile(path, signature) for name, (path, signature) in files.items() if path is not None}
-    outputs = OutputSet([*wanted.values()], force=force, protected=input_files(logs))
-    study = open_logs(logs, None, named_axis(axis))
+    outputs = OutputSet([*wanted.values()], force=shared.force, protected=input_files(logs))
+    study = open_logs(logs, None, named_axis(shared.axis))
     if study.runs is None:
         raise ConfigError("are tables; a formula is found in logs only.", where="LOGS", mend="Give logs.")
-    if not force:
+    if not shared.force:
         study.require_sound()
     with progress("Discovering …") as report:
-        found = find_formulas(study.runs, study.vehicle, report, Budget(seconds=budget or study.default_budget))
+        found = find_formulas(study.runs, study.vehicle, report, Budget(seconds=shared.budget or study.default_budget))
     if found.formulas and wanted:
         from rovid.present.plots.canvas import render_png
         from rovid.present.plots.results import plot_formula
@@ -183,7 +153,7 @@ def discover(
         outputs.write(contents)
     warnings = [*study.remarks(), *found.warnings]
     written = {name: str(file.path) for name, file in wanted.items()} if found.formulas else {}
-    if json:
+    if shared.json:
         print_json(discovery_document(found, warnings) | written)
         return
     show_caution(console(), study.vehicle.assumptions)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rovid.cli.context import compile_in_background, console, existing_parameters, is_planar, print_json
-from rovid.cli.options import add_effects
+from rovid.cli.options import SharedOptions
 from rovid.cli.sessions import fit_and_store, open_planar_session, open_session, print_result, store_planar_fit
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError, suggestion
@@ -20,37 +20,21 @@ if TYPE_CHECKING:
     from rovid.trial.vehicle import Vehicle
 
 
-def fit_drag(
-    logs: list[Path],
-    *,
-    axis: str | None = None,
-    parameters: Path | None = None,
-    cutoff: float | None = None,
-    force: bool = False,
-    json: bool = False,
-) -> None:
+def fit_drag(logs: list[Path], *, shared: SharedOptions) -> None:
     """Fit drag from steady turns."""
     from rovid.preflight.check import drag_without_feedback
 
-    session = open_session(logs, parameters, axis, cutoff, force=force)
+    session = open_session(logs, shared)
     if session.stored.axis.self_righting:
         # Under a constant torque such an axis comes to rest, so drag is found together with the inertia.
-        _fit_inertia(session, json=json)
+        _fit_inertia(session, json=shared.json)
         return
-    fit_and_store(session, "Fitting drag …", partial(drag_without_feedback, session.study), json=json)
+    fit_and_store(session, "Fitting drag …", partial(drag_without_feedback, session.study), json=shared.json)
 
 
-def fit_inertia(
-    logs: list[Path] | None = None,
-    *,
-    axis: str | None = None,
-    parameters: Path | None = None,
-    cutoff: float | None = None,
-    force: bool = False,
-    json: bool = False,
-) -> None:
+def fit_inertia(logs: list[Path] | None = None, *, shared: SharedOptions) -> None:
     """Fit inertia from sines by four methods."""
-    _fit_inertia(open_session(logs, parameters, axis, cutoff, force=force), json=json)
+    _fit_inertia(open_session(logs, shared), json=shared.json)
 
 
 def _fit_inertia(session: FitSession[Study], *, json: bool) -> None:
@@ -59,46 +43,35 @@ def _fit_inertia(session: FitSession[Study], *, json: bool) -> None:
 
 
 def fit(
-    logs: list[Path] | None = None,
-    *,
-    effect: list[str] | None = None,
-    gyro: bool = False,
-    axis: str | None = None,
-    axes: str | None = None,
-    parameters: Path | None = None,
-    cutoff: float | None = None,
-    force: bool = False,
-    effects_from: list[Path] | None = None,
-    json: bool = False,
+    logs: list[Path] | None = None, *, effect: list[str] | None = None, gyro: bool = False, shared: SharedOptions
 ) -> None:
     """Fit all parameters by maximum likelihood."""
-    add_effects(effects_from)
     names = list(dict.fromkeys(effect or ()))
-    if is_planar(axes, axis, gyro=gyro, cutoff=cutoff):
+    if is_planar(shared, gyro=gyro):
         from rovid.present.documents.planar import planar_fit_document
         from rovid.present.terminal.planar import show_planar_fit
         from rovid.store.planar_study import planar_effect
 
         chosen = tuple(dict.fromkeys(map(planar_effect, names)))
-        coupled = open_planar_session(logs, parameters, force=force)
+        coupled = open_planar_session(logs, shared)
         with progress("Fitting surge, sway and yaw …"):
             result = coupled.study.fit(chosen)
         warnings = (*result.estimate.warnings, *coupled.notes)
         result = replace(result, estimate=replace(result.estimate, warnings=warnings))
         stored = store_planar_fit(coupled, result)
-        print_result(result, coupled.study, stored, planar_fit_document, show_planar_fit, json=json)
+        print_result(result, coupled.study, stored, planar_fit_document, show_planar_fit, json=shared.json)
         return
     compile_in_background()
     from rovid.effects import effect_named
 
     effects = tuple(map(effect_named, names))
-    session = open_session(logs, parameters, axis, cutoff, force=force, with_history=True)
+    session = open_session(logs, shared, with_history=True)
     fit_and_store(
         session,
         "Maximising the likelihood …",
         lambda: session.study.likelihood(effects, gyro=gyro),
         *["--gyro"] * gyro,
-        json=json,
+        json=shared.json,
     )
 
 
@@ -151,7 +124,9 @@ def fit_thrust_scale(
     if tests is not None and before is None and after is None and added is None:
         scale, given = _of_tests(tests, reference_error / 100.0)
     elif tests is None and before is not None and after is not None and added is not None:
-        (first, one), (second, two) = ((path, existing_parameters(path)) for path in (before, after))
+        (first, one), (second, two) = (
+            (path, existing_parameters(SharedOptions(parameters=path))) for path in (before, after)
+        )
         pairs = []
         for path, stored in ((first, one), (second, two)):
             if "inertia" not in stored.entries:

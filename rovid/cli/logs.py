@@ -6,6 +6,7 @@ from pathlib import Path
 import typer
 
 from rovid.cli.context import announce_compilation, console, is_planar, named_axis, print_json, reserve_outputs
+from rovid.cli.options import SharedOptions
 from rovid.core.errors import LINE_LENGTH, DataError, display_text
 
 
@@ -15,10 +16,7 @@ def init(
     vehicle: str | None = None,
     heading: str | None = None,
     command: str | None = None,
-    axis: str | None = None,
-    axes: str | None = None,
-    force: bool = False,
-    json: bool = False,
+    shared: SharedOptions,
 ) -> None:
     """Write a first rovid.toml for your logs."""
     from rovid.core.output_files import OutputSet
@@ -27,24 +25,24 @@ def init(
     from rovid.present.documents.results import survey_document
     from rovid.present.terminal.results import show_survey
 
-    planar = is_planar(axes, axis)
+    planar = is_planar(shared)
     # An existing file is an error before the logs are read.
-    OutputSet([output_files(logs)[0]], force=force)
+    OutputSet([output_files(logs)[0]], force=shared.force)
     commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
     headings = (heading,) if heading else ()
     options = SurveyOptions(
-        axis=named_axis(axis), headings=headings, commands=commands, vehicle=vehicle or "", planar=planar
+        axis=named_axis(shared.axis), headings=headings, commands=commands, vehicle=vehicle or "", planar=planar
     )
-    found, written = write_config(survey(logs, options), logs, force=force)
-    if json:
+    found, written = write_config(survey(logs, options), logs, force=shared.force)
+    if shared.json:
         print_json(survey_document(found, written))
     else:
         show_survey(console(), found, written)
 
 
-def check(logs: list[Path], *, axis: str | None = None, axes: str | None = None, json: bool = False) -> None:
+def check(logs: list[Path], *, shared: SharedOptions) -> None:
     """Check the logs and list their content and problems."""
-    planar = is_planar(axes, axis)
+    planar = is_planar(shared)
     from rovid.present.console import show_caution
     from rovid.present.terminal.check import show_check
     from rovid.trial.config import find_config, load_config, load_planar_config
@@ -63,11 +61,11 @@ def check(logs: list[Path], *, axis: str | None = None, axes: str | None = None,
         from rovid.present.documents.results import check_document
 
         announce_compilation()
-        config = load_config(find_config(logs), named_axis(axis))
+        config = load_config(find_config(logs), named_axis(shared.axis))
         checked = check_logs(logs, config)
         document, usable = check_document(checked, config.vehicle), len(checked.rows)
     problems = coupled.problems if planar else checked.problems
-    if json:
+    if shared.json:
         print_json(document)
     else:
         show_caution(console(), config.vehicle.assumptions)
@@ -79,19 +77,19 @@ def check(logs: list[Path], *, axis: str | None = None, axes: str | None = None,
         raise DataError(f"{lead}{problem}")
 
 
-def convert(log: Path, *, output: Path, axis: str | None = None, force: bool = False, json: bool = False) -> None:
+def convert(log: Path, *, output: Path, shared: SharedOptions) -> None:
     """Convert a log to another format."""
     from rovid.readers.convert import convert as convert_log
     from rovid.readers.convert import output_at
     from rovid.trial.config import find_config, load_config
 
     target = output_at(output, log)
-    config = load_config(find_config([log]), named_axis(axis))
-    outputs = reserve_outputs([target], [config.path.parent, log], force=force)
+    config = load_config(find_config([log]), named_axis(shared.axis))
+    outputs = reserve_outputs([target], [config.path.parent, log], force=shared.force)
     converted = convert_log(log, config, output)
     outputs.write({target: converted.content})
     remarks = [remark.text for remark in converted.trial.remarks]
-    if json:
+    if shared.json:
         document = {"schema": "rovid-convert/1", "file": str(output), "configuration": converted.mapping}
         print_json(document | {"warnings": remarks})
     else:

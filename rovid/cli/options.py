@@ -1,19 +1,69 @@
-"""Manual pages of the commands as plain text, and the descriptions of their arguments and options."""
+"""Options of the commands: descriptions, values for shell completion, and manual pages as plain text."""
 
+import ast
+import functools
 import inspect
 import re
 import textwrap
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from rovid.cli import completion
-from rovid.core.errors import ConfigError
+from rovid.core.errors import ConfigError, RovidError
+from rovid.core.input_files import read_toml
+from rovid.export import FORMATS
+from rovid.trial.axis import AXES, PLANAR, YAW, parameter_file_name
+
+# The same as `rovid.estimate.thrust_curve.THRUST_UNITS`, which a test checks.
+THRUST_UNITS = ("N", "kN", "kgf", "gf", "lbf")
+# Values that are known without reading anything, by their name in options.toml; the functions below find the others.
+FIXED = {
+    "axes": tuple(AXES),
+    "axis_sets": (PLANAR.name,),
+    "formats": tuple(FORMATS),
+    "thrust_units": THRUST_UNITS,
+    "effect_actions": ("new", "try"),
+}
+# Parameters of every model.
+BASE = ("inertia", "quadratic_drag", "linear_drag")
+_CATALOGUE = Path(__file__).parents[1] / "effects" / "catalogue.py"
+
+
+def vehicles() -> list[str]:
+    """Types for --vehicle."""
+    from rovid.trial.vehicle_presets import preset_names
+
+    return preset_names()
+
+
+def topics() -> list[str]:
+    """Pages of `rovid help`."""
+    from rovid.present.terminal.topics import topic_names
+
+    return topic_names()
+
+
+def effects() -> list[str]:
+    """Ids of the effects, parsed from the source of the catalogue, because its import takes a second."""
+    lines = ast.parse(_CATALOGUE.read_text(encoding="utf-8")).body
+    listed = next(line for line in lines if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "EFFECTS")
+    return sorted(ast.literal_eval(listed.value))
+
+
+def parameters(context: typer.Context) -> list[str]:
+    """Names for --narrow: the parameters in the parameter file, or else those of the plain model."""
+    axis = context.params.get("axis") or YAW.name
+    path = Path(context.params.get("parameters") or parameter_file_name(axis))
+    try:
+        return list(read_toml(path)["parameters"])
+    except (RovidError, LookupError, TypeError):
+        return list(BASE)
+
 
 _OPTIONS = tomllib.loads(Path(__file__).with_name("options.toml").read_text(encoding="utf-8"))
 _EXIT = """\
@@ -116,15 +166,54 @@ def _wrap_line(line: str, width: int) -> str:
     return f"{end}\n".join(lines)
 
 
+@dataclass(frozen=True, kw_only=True)
+class SharedOptions:
+    """Options that several commands share; a command without one of them has its default.
+
+    A command takes them as its parameter ``shared``. The key ``options`` of its table in options.toml lists all its
+    options in the order of the help.
+    """
+
+    axis: str | None = None
+    axes: str | None = None
+    parameters: Path | None = None
+    cutoff: float | None = None
+    budget: float | None = None
+    force: bool = False
+    effects_from: list[Path] | None = None
+    json: bool = False
+
+
 def described(command: str, function: Callable[..., None]) -> Callable[..., None]:
     """The ``function`` of a command with the descriptions of its arguments and options in options.toml."""
-    hints = get_type_hints(function)
-    for parameter in inspect.signature(function).parameters.values():
-        if hints[parameter.name] is not typer.Context:
-            described = {**_OPTIONS["shared"], **_OPTIONS.get(command, {})}[parameter.name]
-            hints[parameter.name] = Annotated[hints[parameter.name], _description(parameter, dict(described))]
-    function.__annotations__ = hints
-    return function
+    table, hints = _OPTIONS.get(command, {}), get_type_hints(function)
+    parameters, common = dict(inspect.signature(function).parameters), set[str]()
+    if "shared" in parameters:
+        del parameters["shared"]
+        common = set(table["options"]) - set(parameters)
+        known = {one.name: one.default for one in fields(SharedOptions)}
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        parameters |= {name: inspect.Parameter(name, keyword, default=known[name]) for name in common}
+        hints |= get_type_hints(SharedOptions)
+        parameters |= {name: parameters.pop(name) for name in table["options"]}
+    for name, one in parameters.items():
+        if hints[name] is not typer.Context:
+            description = _description(one, dict({**_OPTIONS["shared"], **table}[name]))
+            parameters[name] = one.replace(annotation=Annotated[hints[name], description])
+
+    @functools.wraps(function)
+    def run(**values: Any) -> None:
+        if common:
+            shared = SharedOptions(**{name: values.pop(name) for name in common})
+            if shared.effects_from:
+                from rovid.effects import load_plugins
+
+                load_plugins(shared.effects_from)
+            values["shared"] = shared
+        function(**values)
+
+    run.__signature__ = inspect.Signature([*parameters.values()])  # type: ignore[attr-defined] # read by inspect
+    return run
 
 
 def _description(parameter: inspect.Parameter, settings: dict[str, Any]) -> Any:
@@ -133,17 +222,9 @@ def _description(parameter: inspect.Parameter, settings: dict[str, Any]) -> Any:
     names = settings.pop("names", flag)
     settings["metavar"] = settings.pop("value", None)
     if complete := settings.pop("complete", ""):
-        fixed = completion.FIXED.get(complete, ())
-        settings["autocompletion"] = (lambda: list(fixed)) if fixed else getattr(completion, complete)
+        fixed = FIXED.get(complete, ())
+        settings["autocompletion"] = (lambda: list(fixed)) if fixed else globals()[complete]
         settings["help"] = settings["help"].replace("{values}", ", ".join(fixed))
     if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
         return typer.Option(*names, **settings)
     return typer.Argument(show_default=False, **settings)
-
-
-def add_effects(files: list[Path] | None) -> None:
-    """Add the effects in ``files``, those of --effects-from, to the catalogue."""
-    if files:
-        from rovid.effects import load_plugins
-
-        load_plugins(files)

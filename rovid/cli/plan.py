@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rovid.cli import context
-from rovid.cli.options import add_effects
+from rovid.cli.options import SharedOptions
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 
@@ -33,15 +33,9 @@ def plan(
     design: bool = False,
     matrix: bool = False,
     output: Path = Path("plan.csv"),
-    axis: str | None = None,
-    axes: str | None = None,
-    parameters: Path | None = None,
-    force: bool = False,
-    effects_from: list[Path] | None = None,
-    json: bool = False,
+    shared: SharedOptions,
 ) -> None:
     """Design the next run."""
-    add_effects(effects_from)
     from rovid.core.output_files import PLAN, OutputFile, png_signature
     from rovid.effects import effect_named
     from rovid.estimate.experiment_design import command_csv
@@ -51,28 +45,28 @@ def plan(
     from rovid.present.terminal.results import show_plan
 
     limits = partial(_limits, share, minutes, max_rate, turns, design)
-    if context.is_planar(axes, axis, between=between):
+    if context.is_planar(shared, between=between):
         if matrix or design:
             where = "--matrix" if matrix else "--design"
             raise ConfigError(
                 "is for one axis; it does not exist for --axes planar.", where=where, mend="Leave it out."
             )
-        _plan_planar(logs, parameters, output, effect or (), limits(True), narrow or "", force=force, json=json)
+        _plan_planar(logs, shared, output, effect or (), limits(True), narrow or "")
         return
     causes = tuple(dict.fromkeys(map(effect_named, between or ())))
     if matrix:
         if len(causes) == 1:
             raise ConfigError("names one cause; two or more were expected.", where="--between")
-        _plan_matrix(logs, context.parameters_at(parameters, axis), causes, effect or (), share, json=json)
+        _plan_matrix(logs, context.parameters_at(shared), causes, effect or (), share, json=shared.json)
         return
     if len({cause.id for cause in causes}) not in {0, 2} or len(causes) > 2:
         raise ConfigError("expects two different causes.", where="--between", mend="Give it once for each of them.")
-    stored = context.parameters_at(parameters, axis)
+    stored = context.parameters_at(shared)
     paths = logs or context.stored_logs(stored)
     commands, picture = OutputFile(output, PLAN), OutputFile(output.with_suffix(".png"), png_signature("plan"))
-    outputs = context.reserve_outputs([commands, picture], paths, stored.path, force=force)
+    outputs = context.reserve_outputs([commands, picture], paths, stored.path, force=shared.force)
     study = context.open_logs(paths, None, stored.axis)
-    if not force:
+    if not shared.force:
         study.require_sound()
     study.vehicle.require_no_rudder("a run of commands")
     effects = tuple(dict.fromkeys((*stored.effect_forms(), *map(effect_named, effect or ()))))
@@ -83,7 +77,7 @@ def plan(
     if not (effects or causes or stored.path.exists()):
         reason = "does not exist, so the run is planned for a model without causes"
         warnings = [f"{stored.path} {reason}. Give the parameter file of a diagnosis with -p."]
-    if json:
+    if shared.json:
         context.print_json(plan_document(found, study.vehicle, str(commands.path), str(picture.path), warnings))
     else:
         show_caution(context.console(), study.vehicle.assumptions)
@@ -165,14 +159,11 @@ def _stale_effects(stored: Parameters, study: Study) -> list[str]:
 
 def _plan_planar(
     logs: Sequence[Path] | None,
-    parameters: Path | None,
+    shared: SharedOptions,
     output: Path,
     effect: Sequence[str],
     limits: RunLimits,
     narrow: str,
-    *,
-    force: bool,
-    json: bool,
 ) -> None:
     """Design the next run of surge, sway and yaw together."""
     from rovid.core.output_files import PLAN, OutputFile
@@ -181,20 +172,20 @@ def _plan_planar(
     from rovid.present.terminal.planar import show_planar_plan
     from rovid.store.planar_study import planar_effect
 
-    stored = context.parameters_at(parameters, planar=True)
+    stored = context.parameters_at(shared, planar=True)
     effects = list(map(planar_effect, dict.fromkeys((*stored.effects, *effect))))
     paths = logs or context.stored_logs(stored)
     commands = OutputFile(output, PLAN)
-    outputs = context.reserve_outputs([commands], paths, stored.path, force=force)
+    outputs = context.reserve_outputs([commands], paths, stored.path, force=shared.force)
     study = context.open_planar_logs(paths)
-    if not force:
+    if not shared.force:
         study.logs.require_sound()
     with progress("Fitting, and comparing candidate runs …"):
         found = study.plan(effects, limits, narrow)
     outputs.write({commands: command_csv(found.ranked)})
     warnings = [*study.remarks(), *map(study.vehicle.assumptions.mark_sentence, found.warnings)]
     warnings += _stale_effects(stored, study.logs)
-    if json:
+    if shared.json:
         context.print_json(planar_plan_document(found, study.vehicle, str(commands.path), warnings))
     else:
         show_planar_plan(context.console(), found, study, [commands.path], warnings)

@@ -11,7 +11,7 @@ import typer
 
 from rovid.cli import context
 from rovid.cli.context import print_json
-from rovid.cli.options import add_effects
+from rovid.cli.options import SharedOptions
 from rovid.cli.sessions import open_planar_session, store_planar_fit
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
@@ -26,25 +26,17 @@ _JOURNAL_WIDTHS = ("84mm", "174mm")
 def report(
     logs: list[Path] | None = None,
     *,
-    axis: str | None = None,
-    axes: str | None = None,
-    parameters: Path | None = None,
     output: Path | None = None,
     diagnosis: bool = True,
     control: bool = True,
     export: bool = True,
     pdf: bool = False,
     journal: list[str] | None = None,
-    cutoff: float | None = None,
-    budget: float | None = None,
-    force: bool = False,
-    effects_from: list[Path] | None = None,
-    json: bool = False,
+    shared: SharedOptions,
 ) -> None:
     """Write all results on one page."""
-    add_effects(effects_from)
     widths = list(map(_journal_width, journal or ()))
-    planar = context.is_planar(axes, axis, cutoff=cutoff)
+    planar = context.is_planar(shared)
     if not planar:
         context.compile_in_background()
     from rovid.present.console import print_path, show_caution, show_faults, show_warnings
@@ -52,12 +44,13 @@ def report(
     from rovid.present.page.page_files import pdf_output
 
     document, further = dict[str, Any](schema="rovid-report/1"), dict[str, Any]()
-    choices: dict[str, Any] = {"diagnosed": diagnosis, "budget": budget, "pdf": pdf, "journal": widths, "force": force}
+    choices: dict[str, Any] = {"diagnosed": diagnosis, "budget": shared.budget, "pdf": pdf, "journal": widths}
+    choices["force"] = shared.force
     if planar:
         from rovid.present.documents.planar import AXES_DOCUMENT, measures_document
         from rovid.present.page.planar import build_planar_report
 
-        session = open_planar_session(logs, parameters, force=force)
+        session = open_planar_session(logs, shared)
         stored, reported, folder = session.stored, session.study.logs, output or Path("report_planar")
         with progress("Fitting surge, sway and yaw …") as show_progress:
             page, contents = build_planar_report(
@@ -77,10 +70,10 @@ def report(
         from rovid.present.page.summary import summarize
         from rovid.trial.axis import YAW
 
-        stored = context.parameters_at(parameters, axis, force=force)
+        stored = context.parameters_at(shared, force=shared.force)
         notes = context.write_missing_config(logs, stored.axis) if logs else []
-        reported = context.open_logs(logs or context.stored_logs(stored), cutoff, stored.axis)
-        if not force:
+        reported = context.open_logs(logs or context.stored_logs(stored), shared.cutoff, stored.axis)
+        if not shared.force:
             reported.require_sound()
         folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
         with progress("Fitting drag and inertia …") as show_progress:
@@ -93,7 +86,7 @@ def report(
         notes = [*notes, *data.notes]
         document |= axis_document(stored.axis) | {"verdict": None if found is None else found.verdict}
     files = {"page": str(page)} | ({"pdf": str(pdf_output(folder).path)} if pdf else {})
-    if json:
+    if shared.json:
         document |= {"answer": answer, **files, "parameters": str(stored.path)}
         document |= {"faults": fault_documents(reported.faults), **further}
         context.print_json(document | guess_document(assumptions) | {"warnings": all_warnings(assumptions, notes)})
@@ -115,12 +108,7 @@ def _journal_width(text: str) -> str:
 
 
 def open(  # noqa: A001 - the command's name
-    logs: list[Path] | None = None,
-    *,
-    browser: bool = True,
-    budget: float | None = None,
-    port: int = 0,
-    json: bool = False,
+    logs: list[Path] | None = None, *, browser: bool = True, port: int = 0, shared: SharedOptions
 ) -> None:
     """Set up, fit and diagnose on a page in the browser."""
     from rovid.core.input_files import require_exists
@@ -137,7 +125,7 @@ def open(  # noqa: A001 - the command's name
     from rovid.app.server import listen, serve
 
     def announce(guard: TokenGuard, root: RootFolder, session: SessionFolder) -> None:
-        if json:
+        if shared.json:
             print_json({"schema": "rovid-open/1", "address": guard.address, "folder": str(root.folder)})
         else:
             typer.echo(f"{guard.address}\nKeep this address secret: it gives access to the page. Ctrl-C ends the page.")
@@ -145,7 +133,7 @@ def open(  # noqa: A001 - the command's name
         if browser:
             show_in_browser(guard.ticket(), session.path)
 
-    serve(logs or [], listen(port), announce, budget=budget)
+    serve(logs or [], listen(port), announce, budget=shared.budget)
 
 
 def mcp() -> None:

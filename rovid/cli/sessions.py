@@ -13,6 +13,7 @@ from rovid.cli.streams import progress
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from rovid.cli.options import SharedOptions
     from rovid.core.output_files import OutputSet
     from rovid.diagnose.result import Diagnosis
     from rovid.estimate.estimate import Estimate
@@ -43,26 +44,23 @@ class FitSession(Generic[AnyStudy]):
 
 def open_session(
     logs: Sequence[Path] | None,
-    parameters: Path | None,
-    axis: str | None,
-    cutoff: float | None,
+    shared: SharedOptions,
     *,
-    force: bool,
     with_history: bool = False,
     require_sound: bool = True,
     prefetch: PrefetchedReader | None = None,
 ) -> FitSession[Study]:
     """Open the parameter file, reserve it (and its history), and read the logs.
 
-    Logs with a fault that no fit survives raise a `LogError` if ``require_sound``, unless ``force`` is given.
+    Logs with a fault that no fit survives raise a `LogError` if ``require_sound``, unless --force is given.
     """
     from rovid.trial.fault import FAULT_IDS, FaultOverrides
 
-    stored = context.parameters_at(parameters, axis, force=force)
+    stored = context.parameters_at(shared, force=shared.force)
     paths = logs or context.stored_logs(stored)
-    outputs = _reserved(stored, paths, force=force, with_history=with_history)
-    study = context.open_logs(paths, cutoff, stored.axis, prefetch)
-    if force:
+    outputs = _reserved(stored, paths, force=shared.force, with_history=with_history)
+    study = context.open_logs(paths, shared.cutoff, stored.axis, prefetch)
+    if shared.force:
         study = replace(study, overrides=FaultOverrides(kept=dict.fromkeys(FAULT_IDS, ("*",))))
     elif require_sound:
         from rovid.preflight.check import require_right_signs
@@ -74,10 +72,10 @@ def open_session(
 
 
 def open_planar_session(
-    logs: Sequence[Path] | None, parameters: Path | None, *, force: bool, require_sound: bool = True
+    logs: Sequence[Path] | None, shared: SharedOptions, *, require_sound: bool = True
 ) -> FitSession[PlanarStudy]:
     """`open_session` for surge, sway and yaw together."""
-    stored = context.parameters_at(parameters, planar=True, force=force)
+    stored, force = context.parameters_at(shared, planar=True, force=shared.force), shared.force
     paths = logs or context.stored_logs(stored)
     outputs = _reserved(stored, paths, force=force)
     study = context.open_planar_logs(paths)

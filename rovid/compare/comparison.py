@@ -155,7 +155,8 @@ def _change(name: str, a: Entry, b: Entry, count: int) -> PlanarChange:
     if a.value:
         error = math.hypot(b.standard_error / a.value, ratio * a.standard_error / a.value)
     # Only the base parameters belong to the vehicle: a current or a constant force may differ from day to day.
-    environmental = name not in PLANAR_UNITS and "." in name and _is_environmental(name)
+    key = "" if name in PLANAR_UNITS else name.rpartition(".")[0]
+    environmental = bool(key) and not key.startswith("rudder") and planar_effect(key).environmental
     return PlanarChange(
         name=name,
         a=a,
@@ -165,11 +166,6 @@ def _change(name: str, a: Entry, b: Entry, count: int) -> PlanarChange:
         confidence=1.0 - chance,
         changed=chance < _FALSE_CHANGE and not environmental,
     )
-
-
-def _is_environmental(name: str) -> bool:
-    key = name.rpartition(".")[0]
-    return not key.startswith("rudder") and planar_effect(key).environmental
 
 
 # Parameters of the whole vehicle: the verdict is "cannot tell" if a relevant change of them is not detectable.

@@ -28,7 +28,7 @@ from rovid.fleet.campaigns import (
 )
 from rovid.fleet.page import cause_changes, caution, fleet_page, headline
 from rovid.fleet.results import Fleet, ShrunkParameter, causes, guessed, outliers, shrink, verdict
-from rovid.present.tables.table import ResultTable, text_column
+from rovid.present.console import ResultTable, text_column
 
 SCHEMA = "rovid-fleet/1"
 _Column = tuple[Any, list[Any], str]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.app.decimation import columns_document
+from rovid.app.form_state import columns_document
 from rovid.preflight.log_reading import read_columns
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers import read_log

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.cli import completion
+from rovid.cli import options
 from rovid.cli.cli import MANUAL
 from rovid.effects import CATALOGUE
 from rovid.estimate.thrust_curve import THRUST_UNITS
@@ -79,7 +79,7 @@ def test_narrow_offers_what_the_parameter_file_holds(offered: Offered, tmp_path:
     assert offered("plan", "--narrow", "") == ["a"]
     assert offered("plan", "--axis", "surge", "--narrow", "") == ["b"]
     assert offered("plan", "-p", "other.toml", "--narrow", "thr") == ["thruster_lag.time_constant"]
-    assert offered("plan", "-p", "broken.toml", "--narrow", "") == list(completion.BASE)
+    assert offered("plan", "-p", "broken.toml", "--narrow", "") == list(options.BASE)
 
 
 @pytest.mark.parametrize(

@@ -161,7 +161,7 @@ class TestEffect:
         assert found["overall"]["yaw_rate_r2"] < 0.0
 
     def test_is_offered_by_completion(self, copy: Path) -> None:
-        assert "mooring_line" in run(copy, "-c", "from rovid.cli import completion; print(*completion.effects())")
+        assert "mooring_line" in run(copy, "-c", "from rovid.cli import options; print(*options.effects())")
 
     def test_page_is_made_from_its_notes(self, copy: Path) -> None:
         code = (
@@ -201,7 +201,7 @@ def test_a_log_of_the_new_format_is_read(copy: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_model_is_written_in_the_new_format(copy: Path, identified: Path) -> None:
-    assert "plain-text" in run(copy, "-c", "from rovid.cli import completion; print(*completion.FIXED['formats'])")
+    assert "plain-text" in run(copy, "-c", "from rovid.cli import options; print(*options.FIXED['formats'])")
     said = json.loads(run(copy, "-m", "rovid", "export", "plain-text", "--json", cwd=identified, quick=False))
     assert said["file"] == "plain_text.txt"
     assert said["mismatch_of_what_is_held"]["yaw_rate_percent_of_range"] == 0.0

@@ -20,7 +20,7 @@ from rovid.model.parameter_names import base_names
 from rovid.present.page import build
 from rovid.present.page.render import write_report
 from rovid.present.page.viewer_data import viewer_document
-from rovid.present.plots import identification, trials
+from rovid.present.plots import models, trials
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import residual_torques, rms_sizes
 from rovid.store.parameter_file import Parameters
@@ -105,11 +105,11 @@ def figures(evidence: ReportData) -> list[Figure]:
     assert evidence.inertia is not None
     model = evidence.parameters.model()
     left = residual_torques(evidence.runs.items, model, evidence.vehicle)
-    curves = identification.plot_thrust_curves(evidence.vehicle, evidence.runs.items)
+    curves = models.plot_thrust_curves(evidence.vehicle, evidence.runs.items)
     assert curves is not None
     drawn = [
         curves,
-        identification.plot_inertia_methods(evidence.inertia, None),
+        models.plot_inertia_methods(evidence.inertia, None),
         trials.plot_overview([(item, item) for item in evidence.simulations]),
         trials.plot_trial(evidence.simulations[0]),
         trials.plot_residuals(left, evidence.runs.cutoff),
@@ -119,8 +119,8 @@ def figures(evidence: ReportData) -> list[Figure]:
         return drawn
     return [
         *drawn,
-        identification.plot_steady_states(evidence.drag),
-        identification.plot_sine_runs(evidence.inertia.trials, model, evidence.axis),
+        models.plot_steady_states(evidence.drag),
+        models.plot_sine_runs(evidence.inertia.trials, model, evidence.axis),
     ]
 
 
@@ -137,7 +137,7 @@ def test_what_brings_the_vehicle_back_is_not_left_over(shown: tuple[ReportData, 
 def test_the_curve_of_steady_states_holds_the_net_buoyancy() -> None:
     rates = np.array([-0.5, -0.4, -0.3, 0.25, 0.35, 0.45])
     points = [point(rate, 2000.0 * abs(rate) * rate + 100.0 * rate + 60.0) for rate in rates]
-    figure = identification.plot_steady_states(fit_drag(points, AXES["heave"]))
+    figure = models.plot_steady_states(fit_drag(points, AXES["heave"]))
     curve = next(line for line in figure.axes[0].get_lines() if str(line.get_label()).startswith("fit"))
     assert curve.get_label() == "fit: DQ·|r|·r + DL·r + B"
     x, y = (np.asarray(values, dtype=np.float64) for values in curve.get_data())

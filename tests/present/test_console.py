@@ -59,8 +59,7 @@ def test_a_page_that_folds_by_itself_keeps_them_too() -> None:
 
 @pytest.mark.parametrize("name", [*NAMES, os.fsdecode(b"\xff"), "y" * 100_000])
 def test_nothing_that_is_printed_steers_a_terminal(name: str) -> None:
-    from rovid.present.console import show_warnings
-    from rovid.present.tables.table import ResultTable, text_column
+    from rovid.present.console import ResultTable, show_warnings, text_column
 
     out = io.StringIO()
     screen = SafeConsole(file=out, force_terminal=True, color_system=None, width=4000, legacy_windows=False)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from rovid.present.number_format import shorten_name
-from rovid.present.plots import canvas, identification, trials
+from rovid.present.plots import canvas, models, trials
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import residual_torques
 from rovid.present.tables.fits import method_interval
@@ -28,12 +28,12 @@ def figures(day: ReportData) -> dict[str, Figure]:
     assert day.inertia is not None
     assert day.runs is not None
     model = day.parameters.model()
-    curves = identification.plot_thrust_curves(day.vehicle, day.runs.items)
+    curves = models.plot_thrust_curves(day.vehicle, day.runs.items)
     assert curves is not None
     return {
-        "steady": identification.plot_steady_states(day.drag),
-        "sines": identification.plot_sine_runs(day.inertia.trials, model, YAW),
-        "inertia": identification.plot_inertia_methods(day.inertia, day.vehicle.rigid_body_inertia),
+        "steady": models.plot_steady_states(day.drag),
+        "sines": models.plot_sine_runs(day.inertia.trials, model, YAW),
+        "inertia": models.plot_inertia_methods(day.inertia, day.vehicle.rigid_body_inertia),
         "trial": trials.plot_trial(day.simulations[0]),
         "residuals": trials.plot_residuals(residual_torques(day.runs.items, model, day.vehicle), day.runs.cutoff),
         "thrust": curves,
@@ -86,7 +86,7 @@ def test_overview_holds_every_trial(day: ReportData) -> None:
 def test_steady_plot_marks_what_was_not_fitted(day: ReportData) -> None:
     assert day.drag is not None
     point = replace(day.drag.points[0], steady=False, torque=3.0)
-    figure = identification.plot_steady_states(replace(day.drag, unsteady=(point,)))
+    figure = models.plot_steady_states(replace(day.drag, unsteady=(point,)))
     labels = figure.axes[0].get_legend_handles_labels()[1]
     assert "rate still changing: not fitted" in labels
     assert "steady turn, heading growing" in labels
@@ -96,13 +96,13 @@ def test_steady_plot_marks_what_was_not_fitted(day: ReportData) -> None:
 def test_band_is_left_out_where_no_error_is_known(day: ReportData) -> None:
     assert day.drag is not None
     estimate = replace(day.drag.estimate, covariance=np.full((2, 2), np.nan))
-    figure = identification.plot_steady_states(replace(day.drag, estimate=estimate))
+    figure = models.plot_steady_states(replace(day.drag, estimate=estimate))
     assert "95 % band" not in figure.axes[0].get_legend_handles_labels()[1]
 
 
 def test_inertia_plot_marks_bias_and_rigid_body(day: ReportData) -> None:
     assert day.inertia is not None
-    figure = identification.plot_inertia_methods(day.inertia, day.vehicle.rigid_body_inertia)
+    figure = models.plot_inertia_methods(day.inertia, day.vehicle.rigid_body_inertia)
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert day.inertia.peak_bias is not None
     assert labels[0] == f"peak method\n(biased: {100 * day.inertia.peak_bias:.0f} % of true)"
@@ -113,14 +113,14 @@ def test_inertia_plot_marks_bias_and_rigid_body(day: ReportData) -> None:
 
 def test_a_logged_torque_has_no_curve_to_show(day: ReportData) -> None:
     vehicle = replace(day.vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
-    assert identification.plot_thrust_curves(vehicle, ()) is None
+    assert models.plot_thrust_curves(vehicle, ()) is None
 
 
 def test_figures_ignore_the_users_settings_and_leave_them_alone(day: ReportData) -> None:
     assert day.drag is not None
-    plain = canvas.render_svg(identification.plot_steady_states(day.drag))
+    plain = canvas.render_svg(models.plot_steady_states(day.drag))
     with mpl.rc_context({"font.size": 30, "axes.facecolor": "black", "svg.hashsalt": "other"}):
-        assert canvas.render_svg(identification.plot_steady_states(day.drag)) == plain
+        assert canvas.render_svg(models.plot_steady_states(day.drag)) == plain
         assert mpl.rcParams["font.size"] == 30
 
 
@@ -134,7 +134,7 @@ def test_png_is_white_where_nothing_is_drawn_and_small(day: ReportData) -> None:
 
 def test_svg_holds_no_date(day: ReportData) -> None:
     assert day.drag is not None
-    text = canvas.render_svg(identification.plot_steady_states(day.drag)).decode()
+    text = canvas.render_svg(models.plot_steady_states(day.drag)).decode()
     assert "dc:date" not in text
     assert "</svg>" in text
 

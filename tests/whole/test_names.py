@@ -23,7 +23,7 @@ from rovid.cli import cli
 from rovid.effects import effect_named
 from rovid.export import FORMATS
 from rovid.export.fossen import derivative
-from rovid.export.gazebo import export_yaml
+from rovid.export.gazebo import export_uuv_yaml
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.verification import load_exporter, verified_export
 from rovid.model.model import Model
@@ -136,7 +136,7 @@ def test_the_python_export_still_runs_with_any_name() -> None:
 
 
 def test_the_yaml_of_uuv_holds_numbers_alone() -> None:
-    assert yaml.safe_load(str(export_yaml(subject()).content))["mass"] == 1.0
+    assert yaml.safe_load(str(export_uuv_yaml(subject()).content))["mass"] == 1.0
 
 
 @pytest.mark.parametrize("name", [*NAMES, os.fsdecode(b"\xff")])

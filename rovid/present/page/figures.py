@@ -14,7 +14,7 @@ from rovid.diagnose.cross_validation import split_runs
 from rovid.model.simulation import TrialSimulation
 from rovid.present.number_format import format_number, steady_state_words, unit_symbol
 from rovid.present.page.page_files import FigureDraft, plot_files, render_draft
-from rovid.present.plots import canvas, identification, results, trials
+from rovid.present.plots import canvas, models, results, trials
 from rovid.present.report_data import ReportData, worst_first
 from rovid.present.residuals import missing_without, rms_sizes, unexplained_torques
 from rovid.present.sentences import effect_title
@@ -112,7 +112,7 @@ def _error_words(before: TrialSimulation, after: TrialSimulation) -> str:
 
 def _thrust(report: ReportData) -> Iterator[FigureDraft]:
     runs = report.runs.items if report.runs else ()
-    figure = identification.plot_thrust_curves(report.vehicle, runs)
+    figure = models.plot_thrust_curves(report.vehicle, runs)
     if figure is None:
         return
     names = ", ".join(thruster.name for thruster in report.vehicle.thrusters)
@@ -132,7 +132,7 @@ def _steady(report: ReportData) -> Iterator[FigureDraft]:
     rates = [point.rate for point in fit.points]
     yield FigureDraft(
         f"steady_{axis.force_name}",
-        identification.plot_steady_states(fit),
+        models.plot_steady_states(fit),
         caption=f"{axis.force_name.capitalize()} of each {state} against its {axis.rate_words}, and the fitted drag. "
         "Below, the residuals.",
         alt=f"{len(rates)} {state}s from {min(rates):.3g} to {max(rates):.3g} {axis.rate_unit} with the fitted curve; "
@@ -150,7 +150,7 @@ def _inertia(report: ReportData) -> Iterator[FigureDraft]:
     model = (entry.value, entry.standard_error) if entry else None
     yield FigureDraft(
         "inertia",
-        identification.plot_inertia_methods(fit, report.vehicle.rigid_body_inertia, model),
+        models.plot_inertia_methods(fit, report.vehicle.rigid_body_inertia, model),
         caption="Inertia by each method: points with 95 % intervals, and ticks for single sine runs. Green: the model.",
         alt=f"Inertia in {unit_symbol(fit.estimate.unit('inertia'))}: {'; '.join(readings)}.",
     )
@@ -161,7 +161,7 @@ def _sines(report: ReportData) -> Iterator[FigureDraft]:
     if fit is None:
         return
     drag, force = report.steady_drag_model, axis.force_name
-    sheets = list(paginate(fit.trials, identification.SINES_PER_SHEET))
+    sheets = list(paginate(fit.trials, models.SINES_PER_SHEET))
     for number, (runs, suffix) in enumerate(sheets, start=1):
         caption = f"Mean period of each sine run, sheet {number} of {len(sheets)}."
         if number == 1:
@@ -171,7 +171,7 @@ def _sines(report: ReportData) -> Iterator[FigureDraft]:
         periods = ", ".join(f"{trial.period:.3g}" for trial in runs)
         yield FigureDraft(
             f"sine_runs{suffix}",
-            identification.plot_sine_runs(runs, drag, axis),
+            models.plot_sine_runs(runs, drag, axis),
             caption=caption,
             alt=f"{force.capitalize()}, {axis.rate_words} and acceleration over one period of {periods} s: the "
             f"acceleration peaks about when the {force} does, the rate later.",

@@ -21,14 +21,14 @@ from rovid.planar.manoeuvres import Measures
 from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
 from rovid.present import sentences
+from rovid.present.console import ResultTable
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import sensor_words
 from rovid.present.page import page_files
 from rovid.present.page.summary import size_words
 from rovid.present.plots import canvas
-from rovid.present.plots import planar as plots
+from rovid.present.plots import models as plots
 from rovid.present.tables.fits import planar_parameters_table
-from rovid.present.tables.table import ResultTable
 from rovid.present.tables.trials import model_manoeuvre_tables, planar_simulation_table, run_manoeuvre_tables
 from rovid.present.terminal import planar
 from rovid.store.parameter_file import Parameters

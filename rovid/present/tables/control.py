@@ -10,9 +10,9 @@ from rovid.core.errors import ConfigError
 from rovid.effects import effect_named
 from rovid.export import FORMATS
 from rovid.export.verification import VerifiedExport
+from rovid.present.console import ResultTable, mixed_number_column, number_column, text_column
 from rovid.present.number_format import DASH, equal_decimals, format_number, number_with_unit, parameter_title
 from rovid.present.sentences import effect_title
-from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
 from rovid.trial.assumptions import Assumptions
 
 

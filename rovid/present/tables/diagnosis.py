@@ -18,9 +18,9 @@ from rovid.estimate.inertia import METHODS
 from rovid.estimate.isolability import PairSeparation
 from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
+from rovid.present.console import ResultTable, mixed_number_column, number_column, text_column
 from rovid.present.number_format import DASH, format_number, parameter_title, rounded_errors, unit_symbol
 from rovid.present.sentences import document_key, effect_title, join_words
-from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle

@@ -14,6 +14,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import METHODS, InertiaFit
 from rovid.estimate.steady_drag import DragFit
 from rovid.model.parameter_names import base_names, unit_of
+from rovid.present.console import Column, ResultTable, mixed_number_column, number_column, text_column
 from rovid.present.documents.fits import derivative_name
 from rovid.present.number_format import (
     DASH,
@@ -27,7 +28,6 @@ from rovid.present.number_format import (
 )
 from rovid.present.report_data import ReportData
 from rovid.present.tables.diagnosis import valid_ratios
-from rovid.present.tables.table import Column, ResultTable, mixed_number_column, number_column, text_column
 from rovid.store.checks import effect_titles, relative_deviation
 from rovid.store.parameter_file import Entry, Parameters
 

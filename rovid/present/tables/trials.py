@@ -10,6 +10,7 @@ from rovid.model.simulation import HORIZONS, FitMeasures, TrialSimulation, poole
 from rovid.planar.manoeuvres import ManoeuvreMeasure, Measures
 from rovid.planar.standard_manoeuvres import RunManoeuvre
 from rovid.planar.trial_simulation import SENSOR_UNITS, SPEEDS, PlanarTrialSimulation, pooled_measures
+from rovid.present.console import Column, ResultTable, mixed_number_column, number_column, text_column
 from rovid.present.number_format import (
     DASH,
     arm_words,
@@ -20,7 +21,6 @@ from rovid.present.number_format import (
     unit_symbol,
 )
 from rovid.present.report_data import ReportData
-from rovid.present.tables.table import Column, ResultTable, mixed_number_column, number_column, text_column
 from rovid.store.parameter_file import sha256
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle

@@ -9,9 +9,15 @@ from rich.console import Console
 from rovid.core.errors import shortened_list
 from rovid.preflight.check import LogCheck
 from rovid.preflight.planar_check import PlanarCheck
-from rovid.present.console import print_labelled, print_text, show_warnings
+from rovid.present.console import (
+    ResultTable,
+    mixed_number_column,
+    print_labelled,
+    print_text,
+    show_warnings,
+    text_column,
+)
 from rovid.present.number_format import NAME_LENGTH, format_number, shorten_name
-from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.trial.axis import AXES
 from rovid.trial.fault import fault_texts
 from rovid.trial.trial import merged_remarks

@@ -78,13 +78,7 @@ def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehic
     if diagnosis.challengers:
         console.print()
         tables.challengers_table(diagnosis, axis).print(console, guess)
-    # Print the signals that the remaining error follows.
-    for signal, gain in diagnosis.signals:
-        console.print()
-        dependence = f"{axis.reword(signal.title)} (log-likelihood gain {gain:.0f})"
-        print_text(console, f"Unexplained: {dependence}. This is a dependence, not a cause.")
-    if diagnosis.signals or diagnosis.verdict == "unexplained":
-        print_text(console, "`rovid discover LOGS` searches for a formula of the unexplained torque.")
+    _show_unexplained(console, diagnosis, axis)
     if diagnosis.base is not None and diagnosis.extended is not None:
         _show_improvement(console, diagnosis, diagnosis.base, diagnosis.extended)
         console.print(estimate_table(diagnosis.extended.estimate))
@@ -100,6 +94,16 @@ def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehic
     if "thrust_scale" in unidentifiable and vehicle.thrusters:
         print_text(console, "A pull, a lift or a step of inertia determines the factor on all thrust: fit-thrust-scale")
     print_labelled(console, "Next:", str(sentences.next_step(diagnosis, result.next_experiment(diagnosis), guess)))
+
+
+def _show_unexplained(console: Console, diagnosis: result.Diagnosis, axis: Axis) -> None:
+    """Print the signals that the remaining error follows."""
+    for signal, gain in diagnosis.signals:
+        console.print()
+        dependence = f"{axis.reword(signal.title)} (log-likelihood gain {gain:.0f})"
+        print_text(console, f"Unexplained: {dependence}. This is a dependence, not a cause.")
+    if diagnosis.signals or diagnosis.verdict == "unexplained":
+        print_text(console, "`rovid discover LOGS` searches for a formula of the unexplained torque.")
 
 
 def show_finding(console: Console, finding: result.Finding) -> None:

@@ -13,7 +13,16 @@ from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
-from rovid.present.console import print_labelled, print_text, show_caution, show_faults, show_warnings
+from rovid.present.console import (
+    ResultTable,
+    mixed_number_column,
+    print_labelled,
+    print_text,
+    show_caution,
+    show_faults,
+    show_warnings,
+    text_column,
+)
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import DASH, format_number, sensor_words, unit_symbol
 from rovid.present.sentences import (
@@ -26,7 +35,6 @@ from rovid.present.sentences import (
     next_step,
 )
 from rovid.present.tables.fits import estimate_table
-from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.present.tables.trials import planar_simulation_table
 from rovid.present.terminal.diagnosis import show_finding, show_other_faults, show_verdict
 from rovid.present.terminal.results import show_plan

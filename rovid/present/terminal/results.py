@@ -21,18 +21,20 @@ from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
 from rovid.present.console import (
     VERDICT_STYLES,
+    ResultTable,
+    mixed_number_column,
     print_labelled,
     print_path,
     print_text,
     show_caution,
     show_faults,
     show_warnings,
+    text_column,
 )
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.sentences import criterion_sentence, fit_verdict
 from rovid.present.tables.control import loss_title
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
-from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.store.study import Study
 from rovid.trial.axis import YAW
 

@@ -11,8 +11,7 @@ import rovid
 from rovid.core.errors import ConfigError, quoted_list, suggestion
 from rovid.export import ALIASES as FORMAT_WORDS
 from rovid.export import FORMATS
-from rovid.present.console import print_text, wrap_text
-from rovid.present.tables.table import ResultTable, text_column
+from rovid.present.console import ResultTable, print_text, text_column, wrap_text
 
 # Pages in the order of the list; the effects and the faults of logs follow.
 TOPICS = (

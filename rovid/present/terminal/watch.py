@@ -9,12 +9,20 @@ from rich.console import Console
 from rovid.core.formatting import plus_minus
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import commands_by_name
-from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_warnings
+from rovid.present.console import (
+    ResultTable,
+    mixed_number_column,
+    print_labelled,
+    print_path,
+    print_text,
+    show_caution,
+    show_warnings,
+    text_column,
+)
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.documents.fits import Document, fields, fit_document, parameter_document
 from rovid.present.number_format import DASH, format_number
 from rovid.present.sentences import cause_name, evidence_words, join_words, verdict_sentence
-from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.store import watch_session
 from rovid.store.folder_monitor import Problem, WatchedLog
 from rovid.trial.fault import stopping

@@ -19,6 +19,7 @@ from rovid.control.design import ControllerDesign
 from rovid.export import FORMATS
 from rovid.export.stability import Stability
 from rovid.export.verification import ExportLoss, Mismatch, VerifiedExport
+from rovid.present.console import ResultTable
 from rovid.present.number_format import format_number
 from rovid.present.page import build
 from rovid.present.page.figures import ReportFigures, draw_figures
@@ -27,7 +28,6 @@ from rovid.present.plots import canvas
 from rovid.present.plots.results import paper_step_runs, plot_closed_loop
 from rovid.present.report_data import ReportData
 from rovid.present.tables.control import formats_table, gains_table, loss_reasons, loss_title, runs_table
-from rovid.present.tables.table import ResultTable
 from rovid.store.parameter_file import Parameters
 from rovid.trial.vehicle import ThrustCurve, Thruster
 from tests.conftest import SAMPLES, Rovid, run_rovid

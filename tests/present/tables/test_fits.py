@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from rovid.estimate.steady_drag import DragFit
+from rovid.present.console import ResultTable
 from rovid.present.number_format import DASH
 from rovid.present.report_data import NestedSimulation, ReportData
 from rovid.present.tables import fits, trials
 from rovid.present.tables.fits import correlation_table, directions_table, steady_table
-from rovid.present.tables.table import ResultTable
 from rovid.store.parameter_file import Entry
 from rovid.trial.trial import Campaign
 from rovid.trial.vehicle import Thruster

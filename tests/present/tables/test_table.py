@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from rich.text import Text
 
 from rovid.core.formatting import SafeConsole
-from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
+from rovid.present.console import ResultTable, mixed_number_column, number_column, text_column
 
 
 def test_rows_become_columns_under_their_headings() -> None:
