@@ -130,7 +130,7 @@ _MODULES = {
     **dict.fromkeys(("init", "check", "convert"), "logs"),
     **dict.fromkeys(("fit-drag", "fit-inertia", "fit-thruster", "fit-thrust-scale"), "fit"),
     **dict.fromkeys(("effect", "discover"), "diagnose"),
-    **dict.fromkeys(("simulate", "control", "export"), "models"),
+    **dict.fromkeys(("simulate", "plan", "control", "export"), "models"),
     **dict.fromkeys(("compare", "fleet", "watch"), "campaigns"),
     **dict.fromkeys(("open", "mcp"), "report"),
     "help": "cli",

@@ -38,7 +38,7 @@ class ControllerOptions:
     period: float = 0.1
     delay: float = 0.0
     rate_filter: float | None = None
-    law: str = "model"  #: Model-aided PD, or an autopilot of `rovid.control.autopilot.AUTOPILOTS`.
+    law: str = "model"  #: Model-aided PD, or an autopilot of `rovid.control.actuators.AUTOPILOTS`.
     steps: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -9,16 +9,19 @@ from typing import Literal
 import numpy as np
 
 from rovid.control import tuning
-from rovid.control.actuators import ActuatorProbe, Allocation, allocate, one_way_only
-from rovid.control.autopilot import (
+from rovid.control.actuators import (
     AUTOPILOTS,
     NOISE_SHARE,
     SATURATING_ERROR,
+    ActuatorProbe,
+    Allocation,
     AutopilotLaw,
+    allocate,
     autopilot_loop,
     autopilot_parameters,
     constant_gains,
     default_gains,
+    one_way_only,
 )
 from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, StepMetrics, simulate_loops, step_metrics
 from rovid.control.control_law import (

@@ -3,14 +3,14 @@
 Neither holds a model of the vehicle. ArduPilot's own simulated submarine has its inertia and drag in its source
 (SIM_Submarine.cpp). Its JSON interface (libraries/SITL/examples/JSON) takes the motion from another program: there the
 vehicle of `rovid.export.fossen` moves. The names of the parameters stand in the sources that
-`rovid.control.autopilot` cites.
+`rovid.control.actuators` cites.
 """
 
 import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from rovid.control.autopilot import AUTOPILOTS, AutopilotLaw, autopilot_loop, autopilot_parameters, default_gains
+from rovid.control.actuators import AUTOPILOTS, AutopilotLaw, autopilot_loop, autopilot_parameters, default_gains
 from rovid.control.control_law import ControllerOptions, loop_conditions
 from rovid.control.tuning import Margins
 from rovid.core.errors import DataError, escape_invisible

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.control.autopilot import AUTOPILOTS, AutopilotLaw, autopilot_loop, autopilot_parameters, default_gains
+from rovid.control.actuators import AUTOPILOTS, AutopilotLaw, autopilot_loop, autopilot_parameters, default_gains
 from rovid.control.control_law import LoopConditions
 from rovid.control.tuning import Margins
 from rovid.core.array_types import FloatArray

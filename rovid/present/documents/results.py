@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from rovid.control.autopilot import AutopilotLaw
+from rovid.control.actuators import AutopilotLaw
 from rovid.control.design import ControllerDesign
 from rovid.diagnose.effect_trial import EffectGain, EffectTrial
 from rovid.diagnose.formulas.discovery import Discovery, Formula, units_of

@@ -37,7 +37,7 @@ from rovid.present.sentences import (
     evidence_definitions,
     evidence_words,
 )
-from rovid.present.tables import control, diagnosis, fits, trials
+from rovid.present.tables import diagnosis, fits, trials
 from rovid.present.tables.diagnosis import changes_table, cross_prediction_table
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.fault import fault_texts
@@ -188,7 +188,6 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "fit_tables": fits,
         "trial_tables": trials,
         "diagnosis_tables": diagnosis,
-        "control_tables": control,
         "figures": figures,
         "viewer": viewer_document(report) if simulations else None,
         "assets": read_assets(),

@@ -15,8 +15,8 @@ from rovid.present import sentences
 from rovid.present.console import VERDICT_STYLES, print_labelled, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.diagnosis import all_faults
 from rovid.present.tables import diagnosis as tables
-from rovid.present.tables.control import gains_table, runs_table
 from rovid.present.tables.fits import estimate_table
+from rovid.present.tables.trials import gains_table, runs_table
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis

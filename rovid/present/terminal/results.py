@@ -33,8 +33,8 @@ from rovid.present.console import (
 )
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.sentences import criterion_sentence, fit_verdict
-from rovid.present.tables.control import loss_title
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
+from rovid.present.tables.trials import loss_title
 from rovid.store.study import Study
 from rovid.trial.axis import YAW
 

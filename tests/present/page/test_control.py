@@ -27,7 +27,7 @@ from rovid.present.page.render import render_page
 from rovid.present.plots import canvas
 from rovid.present.plots.results import paper_step_runs, plot_closed_loop
 from rovid.present.report_data import ReportData
-from rovid.present.tables.control import formats_table, gains_table, loss_reasons, loss_title, runs_table
+from rovid.present.tables.trials import formats_table, gains_table, loss_reasons, loss_title, runs_table
 from rovid.store.parameter_file import Parameters
 from rovid.trial.vehicle import ThrustCurve, Thruster
 from tests.conftest import SAMPLES, Rovid, run_rovid
