@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 from rich.console import Console
 
 from rovid.api import results as to
@@ -16,7 +15,9 @@ from rovid.core.errors import DataError
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, command_csv
+from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.maximum_likelihood import LikelihoodFit
+from rovid.estimate.steady_drag import DragFit
 from rovid.export.verification import VerifiedExport
 from rovid.model.parameter_names import effect_ids
 from rovid.model.simulation import TrialSimulation, simulate_runs
@@ -37,19 +38,21 @@ from rovid.present.terminal import results as show_results
 from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy, with_fit
 from rovid.store.study import Study
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import PLANAR, Axis
 from rovid.trial.fault import fault_texts
 from rovid.trial.trial import NO_FILE
 from rovid.trial.vehicle import Vehicle
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
 
 # Type of a result -> the document that its command prints with --json, and what it prints without.
-_PRINTED: Mapping[type, tuple[Callable[..., dict[str, Any]], Callable[..., None]]] = {
+PRINTED: Mapping[type, tuple[Callable[..., dict[str, Any]], Callable[..., None]]] = {
     LogCheck: (results.check_document, show_checks.show_check),
     PlanarCheck: (planar.planar_check_document, show_checks.show_check),
-    LikelihoodFit: (fits.fit_document, show_results.show_fit),
+    **dict.fromkeys((DragFit, InertiaFit, LikelihoodFit), (fits.fit_document, show_results.show_fit)),
     PlanarFit: (planar.planar_fit_document, show_planar.show_planar_fit),
     Diagnosis: (diagnoses.diagnosis_document, show_diagnoses.show_study_diagnosis),
     PlanarDiagnosis: (planar.planar_diagnosis_document, show_planar.show_planar_diagnosis),
@@ -59,7 +62,7 @@ _CAUSE_KEYS = ["effect", "evidence", "confidence", "log_likelihood_gain", "held_
 
 def check_record(found: LogCheck | PlanarCheck, vehicle: Vehicle) -> to.CheckRecord:
     """The record of a check."""
-    document_of, show_of = _PRINTED[type(found)]
+    document_of, show_of = PRINTED[type(found)]
     document = document_of(found, vehicle)
     trials = found.trials if isinstance(found, PlanarCheck) else [trial for trial, _ in found.rows]
 
@@ -73,29 +76,40 @@ def check_record(found: LogCheck | PlanarCheck, vehicle: Vehicle) -> to.CheckRec
             panel.plot(trial.time, trial.position * unit[1], label=trial.name)
         _label(panel, "time, s", f"{name}, {unit[0]}")
 
-    table = pd.DataFrame(document["logs"]).drop(columns="remarks", errors="ignore")
     return to.CheckRecord(
-        document=document, show=show, draw=draw, table=table, verdict=found.verdict, faults=found.faults
+        document=document,
+        show=show,
+        draw=draw,
+        table=lambda: _frame(document["logs"]).drop(columns="remarks", errors="ignore"),
+        verdict=found.verdict,
+        faults=found.faults,
     )
 
 
 def fit_record(fit: LikelihoodFit | PlanarFit, study: Study | PlanarStudy) -> to.ModelRecord:
     """The record of a fit."""
-    document_of, show_of = _PRINTED[type(fit)]
+    document_of, show_of = PRINTED[type(fit)]
     document, stored = document_of(fit, study), _stored(fit, study)
     return to.ModelRecord(
         show=lambda console: show_of(console, fit, study),
         draw=lambda panel: simulation_record(stored, study).draw(panel),
-        table=_by_parameter(document["parameters"]),
+        table=lambda: _by_parameter(document["parameters"]),
         **_model(document, fit.estimate, stored),
         faults=_logs(study).faults,
     )
 
 
-def simulation_record(stored: Parameters, study: Study | PlanarStudy) -> to.SimulationRecord:
-    """The record of a free-running simulation with the parameters ``stored``."""
-    logs, guess = _logs(study), study.vehicle.assumptions
-    warnings = [*fault_texts(logs.faults), *study.remarks()]
+def simulation_record(
+    stored: Parameters, study: Study | PlanarStudy, remarks: Sequence[str] = (), guess: Assumptions | None = None
+) -> to.SimulationRecord:
+    """The record of a free-running simulation with the parameters ``stored``.
+
+    ``remarks``: Further remarks, on the parameters.
+    ``guess``: Assumptions that the parameters depend on; None: those about the vehicle.
+    """
+    logs, guess = _logs(study), study.vehicle.assumptions if guess is None else guess
+    notes = [*study.remarks(), *remarks]
+    warnings = [*fault_texts(logs.faults), *notes]
     runs: Sequence[TrialSimulation | PlanarTrialSimulation]
     if isinstance(study, PlanarStudy):
         coupled = study.model(stored)
@@ -117,13 +131,14 @@ def simulation_record(stored: Parameters, study: Study | PlanarStudy) -> to.Simu
         show_caution(console, guess)
         show_faults(console, logs.faults)
         simulation_table(single_runs).print(console, guess)
-        show_warnings(console, study.remarks())
+        show_warnings(console, notes)
 
     return to.SimulationRecord(
         document=document,
         show=show,
         draw=_draw_longest(runs, logs.vehicle.axis),
-        table=pd.DataFrame(document["trials"]),
+        table=lambda: _frame(document["trials"]),
+        simulations=runs,
         r2={key.removesuffix("_r2"): value for key, value in document["overall"].items() if key.endswith("_r2")},
     )
 
@@ -150,7 +165,7 @@ def _draw_longest(runs: Sequence[TrialSimulation | PlanarTrialSimulation], axis:
 
 def diagnosis_record(found: Diagnosis | PlanarDiagnosis, study: Study | PlanarStudy) -> to.DiagnosisRecord:
     """The record of a diagnosis."""
-    document_of, show_of = _PRINTED[type(found)]
+    document_of, show_of = PRINTED[type(found)]
     document, logs = document_of(found, study), _logs(study)
     axis = logs.vehicle.axis
     side = found.extended or found.base
@@ -160,7 +175,7 @@ def diagnosis_record(found: Diagnosis | PlanarDiagnosis, study: Study | PlanarSt
         if not document["horizons"]:
             text = f"the diagnosis has no prediction errors to plot: its verdict is {found.verdict}."
             raise DataError(text, mend="Print the diagnosis: it names what is missing.")
-        errors, unit = pd.DataFrame(document["horizons"]), axis.display_unit[0]
+        errors, unit = _frame(document["horizons"]), axis.display_unit[0]
         for name, dashes in (("base", "--"), ("extended", "-")):
             panel.plot(errors["seconds"], errors[f"{name}_{unit}"], dashes, marker="o", label=f"{name} model")
         _label(panel, "time after a restart, s", f"{axis.position_words} error (RMS), {unit}")
@@ -170,7 +185,7 @@ def diagnosis_record(found: Diagnosis | PlanarDiagnosis, study: Study | PlanarSt
     return to.DiagnosisRecord(
         show=lambda console: show_of(console, found, study),
         draw=draw,
-        table=pd.DataFrame(rows, columns=["kind", *_CAUSE_KEYS]),
+        table=lambda: _frame(rows, ["kind", *_CAUSE_KEYS]),
         **_model(document, None if final is None else final.estimate, _stored(final, study)),
         faults=tuple(diagnoses.all_faults(found, logs) if isinstance(found, Diagnosis) else logs.faults),
         verdict=found.verdict,
@@ -187,7 +202,7 @@ def _cause_record(finding: Finding) -> to.CauseRecord:
         document=document,
         show=lambda console: show_diagnoses.show_finding(console, finding),
         draw=lambda panel: draw_alternatives(panel, finding),
-        table=_by_parameter(document["parameters"]),
+        table=lambda: _by_parameter(document["parameters"]),
         effect=finding.effect.id,
         parameters={name.rpartition(".")[2]: value for name, value in _values(finding.estimate).items()},
         confidence=finding.probability,
@@ -198,6 +213,7 @@ def _cause_record(finding: Finding) -> to.CauseRecord:
 
 def plan_record(plan: ExperimentPlan, vehicle: Vehicle) -> to.PlanRecord:
     """The record of a plan."""
+    import pandas as pd
 
     def draw(panel: Axes) -> None:
         from rovid.present.plots.results import draw_commands
@@ -211,7 +227,7 @@ def plan_record(plan: ExperimentPlan, vehicle: Vehicle) -> to.PlanRecord:
         document=document,
         show=lambda console: show_results.show_plan(console, plan, ()),
         draw=draw,
-        table=pd.DataFrame(document["runs"]),
+        table=lambda: _frame(document["runs"]),
         decides=plan.is_decisive,
         commands=pd.read_csv(io.StringIO(command_csv(plan)), comment="#"),
     )
@@ -237,7 +253,7 @@ def comparison_record(comparison: Comparison) -> to.ComparisonRecord:
         document=document,
         show=lambda console: show_diagnoses.show_comparison(console, comparison, guess, ()),
         draw=draw,
-        table=_by_parameter(rows),
+        table=lambda: _by_parameter(rows),
         verdict=comparison.verdict,
         changed=tuple(document["changed"]),
     )
@@ -256,7 +272,7 @@ def export_record(name: str, made: VerifiedExport, vehicle: Vehicle) -> to.Expor
         document=document,
         show=lambda console: show_results.show_export(console, Path(name), made),
         draw=draw,
-        table=pd.DataFrame(document["not_held"], columns=["what", "why", *filter(_is_percent, document["mismatch"])]),
+        table=lambda: _frame(document["not_held"], ["what", "why", *filter(_is_percent, document["mismatch"])]),
         format=name,
         content=made.content,
         not_held=tuple(loss.what for loss in made.losses),
@@ -295,7 +311,15 @@ def _is_percent(key: str) -> bool:
     return key.endswith("percent_of_range")
 
 
+def _frame(rows: Sequence[Mapping[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:
+    import pandas as pd
+
+    return pd.DataFrame(rows, columns=columns)
+
+
 def _by_parameter(values: Mapping[str, Any]) -> pd.DataFrame:
+    import pandas as pd
+
     return pd.DataFrame.from_dict(dict(values), orient="index").rename_axis("parameter")
 
 

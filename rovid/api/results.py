@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import pandas as pd
 from rich.console import Console
 
 from rovid.core.formatting import SafeConsole, plus_minus, to_json
@@ -20,6 +19,7 @@ from rovid.store.parameter_file import Parameters
 from rovid.trial.fault import Fault
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
 
 # Columns of text in a notebook, and its look there.
@@ -47,7 +47,7 @@ class Record:
     document: dict[str, Any]  #: What the command prints with --json.
     show: Callable[[Console], None]
     draw: Callable[[Axes], None]
-    table: pd.DataFrame
+    table: Callable[[], pd.DataFrame]
 
     def to_json(self) -> str:
         """The document as JSON text; numbers that are not finite are null."""
@@ -55,7 +55,7 @@ class Record:
 
     def to_pandas(self) -> pd.DataFrame:
         """The main table: a row for each log, parameter, cause, candidate run, or part that a format does not hold."""
-        return self.table.copy()
+        return self.table()
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the main result into ``axes``, by default those of a new figure, and return them.
@@ -115,6 +115,7 @@ class ModelRecord(Record):
 class SimulationRecord(Record):
     """Result of `rovid simulate`."""
 
+    simulations: Sequence[Any]  # Each run with its measurement and its simulation
     r2: dict[str, float]  #: Signal -> R^2 of its free-running simulation over all runs, as ``yaw_rate``.
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -16,6 +17,7 @@ from rovid.core.errors import ConfigError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from rovid.api.results import Record
     from rovid.cli.options import SharedOptions
     from rovid.core.output_files import OutputFile, OutputSet
     from rovid.readers.campaign import PrefetchedReader, TrialReader
@@ -278,6 +280,14 @@ def print_json(document: Any) -> None:
 
         document["warnings"] = [*plugin_warnings(), *document["warnings"]]
     typer.echo(to_json(document))
+
+
+def print_record(record: Record, *, json: bool, document: Mapping[str, Any] = MappingProxyType({})) -> None:
+    """Print a result, or its document with further keys of ``document``."""
+    if json:
+        print_json({**record.document, **document})
+    else:
+        record.show(console())
 
 
 def console() -> Console:

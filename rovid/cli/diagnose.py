@@ -22,9 +22,6 @@ def diagnose(logs: list[Path] | None = None, *, shared: SharedOptions) -> None:
     """Find the errors of the simulation and their causes."""
     force, budget = shared.force, shared.budget
     if is_planar(shared):
-        from rovid.present.documents.planar import planar_diagnosis_document
-        from rovid.present.terminal.planar import show_planar_diagnosis
-
         coupled = sessions.open_planar_session(logs, shared, require_sound=False)
         with progress("Diagnosing …", budget or coupled.study.logs.default_budget) as report:
             found = coupled.study.diagnosis(report, force=force, budget=budget)
@@ -32,9 +29,7 @@ def diagnose(logs: list[Path] | None = None, *, shared: SharedOptions) -> None:
         stored = None
         if found.extended is not None:
             stored = sessions.store_planar_fit(coupled, found.extended.fit)
-        sessions.print_result(
-            found, coupled.study, stored, planar_diagnosis_document, show_planar_diagnosis, json=shared.json
-        )
+        sessions.print_result(found, coupled.study, stored, json=shared.json)
         return
     with prefetch_logs(logs, shared) as prefetch:
         if compile_in_background():
@@ -49,10 +44,7 @@ def diagnose(logs: list[Path] | None = None, *, shared: SharedOptions) -> None:
     if diagnosis.extended is not None:
         estimate, sizes = diagnosis.extended.estimate, diagnosis.detectable_sizes
         stored = sessions.store_estimate(session.stored, session.outputs, study, estimate, detectable_sizes=sizes)
-    from rovid.present.documents.diagnosis import diagnosis_document
-    from rovid.present.terminal.diagnosis import show_study_diagnosis
-
-    sessions.print_result(diagnosis, study, stored, diagnosis_document, show_study_diagnosis, json=shared.json)
+    sessions.print_result(diagnosis, study, stored, json=shared.json)
 
 
 _ACTIONS = ("new", "try")

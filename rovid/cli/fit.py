@@ -48,8 +48,6 @@ def fit(
     """Fit all parameters by maximum likelihood."""
     names = list(dict.fromkeys(effect or ()))
     if is_planar(shared, gyro=gyro):
-        from rovid.present.documents.planar import planar_fit_document
-        from rovid.present.terminal.planar import show_planar_fit
         from rovid.store.planar_study import planar_effect
 
         chosen = tuple(dict.fromkeys(map(planar_effect, names)))
@@ -59,7 +57,7 @@ def fit(
         warnings = (*result.estimate.warnings, *coupled.notes)
         result = replace(result, estimate=replace(result.estimate, warnings=warnings))
         stored = store_planar_fit(coupled, result)
-        print_result(result, coupled.study, stored, planar_fit_document, show_planar_fit, json=shared.json)
+        print_result(result, coupled.study, stored, json=shared.json)
         return
     compile_in_background()
     from rovid.effects import effect_named

@@ -5,7 +5,15 @@ from pathlib import Path
 
 import typer
 
-from rovid.cli.context import announce_compilation, console, is_planar, named_axis, print_json, reserve_outputs
+from rovid.cli.context import (
+    announce_compilation,
+    console,
+    is_planar,
+    named_axis,
+    print_json,
+    print_record,
+    reserve_outputs,
+)
 from rovid.cli.options import SharedOptions
 from rovid.core.errors import LINE_LENGTH, DataError, display_text
 
@@ -43,33 +51,25 @@ def init(
 def check(logs: list[Path], *, shared: SharedOptions) -> None:
     """Check the logs and list their content and problems."""
     planar = is_planar(shared)
-    from rovid.present.console import show_caution
-    from rovid.present.terminal.check import show_check
+    from rovid.api.records import check_record
     from rovid.trial.config import find_config, load_config, load_planar_config
 
     if planar:
         from rovid.preflight.planar_check import check_planar
-        from rovid.present.documents.planar import planar_check_document
         from rovid.store.planar_study import planar_prior
 
         config = load_planar_config(find_config(logs))
         planar_prior(config)  # A wrong prior is refused before the fit.
         coupled = check_planar(logs, config)
-        document, usable = planar_check_document(coupled, config.vehicle), len(coupled.trials)
+        record, problems, usable = check_record(coupled, config.vehicle), coupled.problems, len(coupled.trials)
     else:
         from rovid.preflight.check import check_logs
-        from rovid.present.documents.results import check_document
 
         announce_compilation()
         config = load_config(find_config(logs), named_axis(shared.axis))
         checked = check_logs(logs, config)
-        document, usable = check_document(checked, config.vehicle), len(checked.rows)
-    problems = coupled.problems if planar else checked.problems
-    if shared.json:
-        print_json(document)
-    else:
-        show_caution(console(), config.vehicle.assumptions)
-        show_check(console(), coupled if planar else checked)
+        record, problems, usable = check_record(checked, config.vehicle), checked.problems, len(checked.rows)
+    print_record(record, json=shared.json)
     if problems:
         name, problem = next(iter(problems.items()))
         bad = len(problems)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rovid.cli import context
 from rovid.cli.streams import progress
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from rovid.cli.options import SharedOptions
     from rovid.core.output_files import OutputSet
     from rovid.diagnose.result import Diagnosis
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
     Fit = TypeVar("Fit", DragFit, InertiaFit, LikelihoodFit)
 
 AnyStudy = TypeVar("AnyStudy", "Study", "PlanarStudy")
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,8 +91,6 @@ def _reserved(stored: Parameters, logs: Sequence[Path], *, force: bool, with_his
 
 def fit_and_store(session: FitSession[Study], words: str, fit: Callable[[], Fit], *options: str, json: bool) -> None:
     """Run a fit, store its estimate in the parameter file, and print the result."""
-    from rovid.present.documents.fits import fit_document
-    from rovid.present.terminal.results import show_fit
     from rovid.store.checks import method_disagreement
 
     with progress(words):
@@ -105,19 +100,14 @@ def fit_and_store(session: FitSession[Study], words: str, fit: Callable[[], Fit]
     warnings += method_disagreement(session.stored.entries_for(study.paths), result.estimate)
     result = replace(result, estimate=replace(result.estimate, warnings=tuple(warnings)))
     stored = store_estimate(session.stored, session.outputs, study, result.estimate, *options)
-    print_result(result, study, stored, fit_document, show_fit, json=json)
+    print_result(result, study, stored, json=json)
 
 
-def print_result(
-    result: Result,
-    study: AnyStudy,
-    stored: Parameters | None,
-    document: Callable[[Result, AnyStudy], dict[str, Any]],
-    show: Callable[[Console, Result, AnyStudy], None],
-    *,
-    json: bool,
-) -> None:
+def print_result(result: object, study: Study | PlanarStudy, stored: Parameters | None, *, json: bool) -> None:
     """Print a fit or a diagnosis, and the parameter file it is ``stored`` in."""
+    from rovid.api.records import PRINTED
+
+    document, show = PRINTED[type(result)]
     if json:
         context.print_json(document(result, study))
         return
