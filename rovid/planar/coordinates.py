@@ -29,8 +29,8 @@ _MEMORY_BOUNDS, _FIRST_MEMORY = (0.05, 100.0), 1.0
 _USUAL_DISTURBANCE, _USUAL_MEMORY, _DISTURBANCE_ERROR = 0.01, 2.0, 1.5
 # Least and largest straightening of the flow at a rudder and its asymmetry, by published ones of ships; starts.
 _STRAIGHTENING, _STRAIGHT = ((0.25, -0.5), (0.8, 0.5)), (0.5, 0.0)
-# Least and largest stall angle of a rudder in rad, 10 and 60 deg: those of a spade rudder, and of one in a slipstream.
-_STALL = (0.17, 1.05)
+# Least and largest stall angle of a rudder in rad, 15 and 60 deg: those of a spade rudder, and of one in a slipstream.
+_STALL = (0.26, 1.05)
 # Range of the log noise of a sensor about its start.
 _NOISE_RANGE = 4.0
 # Least noise of a heading in rad: an instrument resolves no more.

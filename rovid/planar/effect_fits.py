@@ -12,7 +12,7 @@ from rovid.effects import ANGLE_FORMS, PLANAR_FORMS, Effect, effect_named, forms
 from rovid.effects.base import Actuating, Coupling, WaterCurrent
 from rovid.estimate.fisher_information import inverse_information
 from rovid.planar.dataset import PlanarData, has_hidden_sway
-from rovid.planar.free_runs import FreeRuns
+from rovid.planar.free_runs import FreeRuns, misses_much
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
@@ -24,7 +24,7 @@ HULL_LIFT, _LIFT_GAIN = ("sway_yaw_damping:lift", "speed_dependent_damping:plana
 # Steps of the fits of a hull: by simulations, then by the filter.
 _SIMULATED, _FILTERED = 30, 15
 # Stall angles in rad from which its fit may start.
-_STALLS = (0.25, 0.4, 0.85)
+_STALLS = (0.3, 0.45, 0.85)
 # Places of the linear and quadratic drags of sway and yaw among the coordinates.
 _ACROSS = (5, 6, 8, 9)
 # Forces of third order of a ship's hull, and the usual mass over density, squared length and half the draught.
@@ -43,9 +43,14 @@ def with_hull_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
 
 
 def _with_stall(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
-    """The model with the stall angles that rovid.toml leaves open, if they improve the fit as the lift has to."""
+    """The model with the stall angles that rovid.toml leaves open, if they improve the fit as the lift has to.
+
+    A ship's model has none: small zigzags do not show it, and wider turns would depend on it. Where the model misses
+    much, its likelihood does not tell a stall angle from other errors.
+    """
     numbers = [at for at, rudder in enumerate(data.actuators.rudders) if rudder.stall is None]
-    if not numbers or not best.coordinates.rudders or best.likelihood.grid.yaw_only:
+    is_ship = any(rudder.straightening is not None for rudder in best.coordinates.rudders)
+    if not numbers or not best.coordinates.rudders or best.likelihood.grid.yaw_only or is_ship:
         return best
     coordinates, x, places = best.coordinates.stalling(best.x, numbers)
     likelihood, found = best.likelihood.with_coordinates(coordinates), list[tuple[float, FloatArray]]()
@@ -63,7 +68,7 @@ def _with_stall(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     # A wrong stall angle bends all parameters of a rudder: the fit takes all its steps.
     stalling = _fitted(likelihood, FreeRuns.of(data, coordinates.sizes), start)
     stalling = PlanarOptimum.fit(likelihood, stalling.x)
-    return stalling if best.value - stalling.value > needed else best
+    return stalling if best.value - stalling.value > needed and not misses_much(stalling, data) else best
 
 
 def _with_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:

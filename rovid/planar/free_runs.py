@@ -347,16 +347,23 @@ def fit_free_runs(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     return found
 
 
+def misses_much(best: PlanarOptimum, data: PlanarData) -> bool:
+    """Whether the model is so wrong that its likelihood says little.
+
+    The innovations are not white, the disturbance is at its limit, and free-running simulations are poor.
+    """
+    if best.is_white or not best.limited.any():
+        return False
+    return any(value < INNOVATIONS_R2 for value in free_run_r2(best.model, data).values())
+
+
 def better_simulating(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     """``best``, or the fit of free-running simulations where the model misses much and that fit simulates better.
 
-    What a user means by a wrong model is the free-running simulation. Where the innovations are not white and the
-    disturbance is at its limit, they say little about it.
+    What a user means by a wrong model is the free-running simulation.
     """
     # With measurements of yaw alone the results are those of one axis.
-    if best.likelihood.grid.yaw_only or best.is_multi_step or best.is_white or not best.limited.any():
-        return best
-    if all(value >= INNOVATIONS_R2 for value in free_run_r2(best.model, data).values()):
+    if best.likelihood.grid.yaw_only or best.is_multi_step or not misses_much(best, data):
         return best
     other = fit_free_runs(best, data).canonical()
     before, after = (mean_free_run_r2(one.model, data, yaw_only=False) for one in (best, other))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,15 +17,18 @@ from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, fit_likelihood
 from rovid.model.bound_effects import BoundEffect
+from rovid.planar import free_runs
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
+from rovid.planar.effect_fits import _with_stall
 from rovid.planar.fit import PlanarFit, fit_base, fit_planar, planar_result
 from rovid.planar.free_runs import FreeRuns, correlation_time, fit_free_runs, free_run_r2, simulate_planar
 from rovid.planar.likelihood import PlanarLikelihood
-from rovid.planar.model import BASE_NAMES, PlanarModel
+from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import _bounded, planar_sizes, start_values
 from rovid.trial.preprocessing import prepare_trials
+from rovid.trial.vehicle import Rudder
 from tests.planar.vehicles import Truth, box_rov, campaign, torpedo, usv
 
 # Standard errors: the largest of a dozen independent normal deviates exceeds 3.5 in 1 of 180 fits; seeds are fixed.
@@ -219,3 +224,24 @@ def test_a_stall_angle_is_a_parameter_where_rovid_toml_gives_none() -> None:
     np.testing.assert_allclose(found.values(longer)[: place + 1], [*coordinates.values(x), longer[place]])
     longer[place] = 2.0
     assert found.projected(longer)[place] < 1.1  # 60 deg
+
+
+def test_a_model_of_a_ship_has_no_stall_angle_of_its_rudder() -> None:
+    rudder = RudderModel(name="helm", position=(-1.5, 0.0), straightening=0.5)
+    likelihood = SimpleNamespace(grid=SimpleNamespace(yaw_only=False))
+    best: Any = SimpleNamespace(coordinates=SimpleNamespace(rudders=(rudder,)), likelihood=likelihood)
+    data: Any = SimpleNamespace(actuators=SimpleNamespace(rudders=(Rudder(position=(-1.5, 0.0)),)))
+    assert _with_stall(best, data) is best
+
+
+@pytest.mark.parametrize(
+    ("white", "limited", "r2", "expected"),
+    [(False, True, 0.8, True), (True, True, 0.8, False), (False, False, 0.8, False), (False, True, 0.95, False)],
+)
+def test_a_model_misses_much_where_likelihood_and_simulations_fail(
+    white: bool, limited: bool, r2: float, expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(free_runs, "free_run_r2", lambda *_: {"surge": 0.99, "yaw": r2})
+    best: Any = SimpleNamespace(is_white=white, limited=np.array([False, limited]), model=None)
+    data: Any = None
+    assert free_runs.misses_much(best, data) is expected
