@@ -24,7 +24,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.clock_drift import BLOCK, clock_drift
-from rovid.faults.quick_model import first_order, fit_quick_model, log_name
+from rovid.faults.quick_model import first_order, fit_quick_model, log_name, log_parts
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
 from rovid.trial.rates import integral
@@ -208,9 +208,7 @@ def _minimum(residuals: FloatArray) -> float | None:
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
-    parts: dict[str, list[Run]] = {}
-    for run in data.runs:
-        parts.setdefault(log_name(run), []).append(run)
+    parts = log_parts(data.runs)
     joined = all(run.trial.companion_files for run in data.runs)
     if joined and (drift := _drift(data.runs)):
         yield Detection(fault=drift)

@@ -106,7 +106,9 @@ def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
     if len(sizes) >= _REPEATED and np.ptp(sizes) < _SAME_SIZE * np.median(sizes):
         return  # The heading wraps at another period than a turn: it is clipped, or of another scale.
     for index, size, error in sized:
-        yield _detection(trial.name, float(steps.time[index + 1]), size, error, "the heading jumps and stays")
+        yield _detection(
+            trial.name, float(steps.time[index + 1]), size, error, f"the {trial.axis.position_words} jumps and stays"
+        )
 
 
 def _detection(log: str, at: float, size: float, error: float | None, what: str) -> Detection[TrialData]:

@@ -23,7 +23,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import Detection, Detectors, RunsData
 from rovid.faults.foreign_log import without
-from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, held_torque, log_name
+from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, held_torque, log_parts
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
 
@@ -51,10 +51,7 @@ _FROZEN = 50
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
-    parts: dict[str, list[Run]] = {}
-    for run in data.runs:
-        if run.valid.any():
-            parts.setdefault(log_name(run), []).append(run)
+    parts = log_parts(run for run in data.runs if run.valid.any())
     rates = {name: _rms([_motion(run) for run in runs]) for name, runs in parts.items()}
     usual = float(np.median(list(rates.values()))) if rates else 0.0
     moving = [run for name, runs in parts.items() if rates[name] > _NONE * usual for run in runs]

@@ -7,7 +7,7 @@ time constant. A log that deviates from the others counts less (Huber's weights)
 does not move the model.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import compress
@@ -169,6 +169,14 @@ def log_name(run: Run) -> str:
     return run.trial.parent or run.trial.name
 
 
+def log_parts(runs: Iterable[Run]) -> dict[str, list[Run]]:
+    """The runs of each log, by its name."""
+    parts: dict[str, list[Run]] = {}
+    for run in runs:
+        parts.setdefault(log_name(run), []).append(run)
+    return parts
+
+
 def first_order(values: FloatArray, tau: float, period: float) -> FloatArray:
     """(n,) first-order low pass of ``values`` with the time constant ``tau`` in s, from rest."""
     size = fast_fft_length(2 * len(values))
@@ -190,10 +198,7 @@ def fit_quick_model(runs: Sequence[Run], vehicle: Vehicle) -> QuickModel | None:
 
 @lru_cache(maxsize=1)  # Several kinds of faults examine the same runs one after another.
 def _fitted(runs: tuple[Run, ...], vehicle: Vehicle) -> QuickModel | None:
-    parts: dict[str, list[Run]] = {}
-    for run in runs:
-        if int(run.valid.sum()) >= _MIN_SAMPLES:
-            parts.setdefault(log_name(run), []).append(run)
+    parts = log_parts([run for run in runs if int(run.valid.sum()) >= _MIN_SAMPLES])
     # A constant torque says nothing on the inertia, and in the regression, which has a trim, nothing on the drag.
     size = {
         name: float(np.std(np.concatenate([held_torque(run)[run.valid] for run in own]))) for name, own in parts.items()

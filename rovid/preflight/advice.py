@@ -13,6 +13,7 @@ from rovid.effects.actuator_inputs import neutral_commands
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.estimate.output_error import fit_regression
+from rovid.faults.quick_model import log_parts
 from rovid.faults.thrust_unit import inertia_fault
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.command_effects import ThrusterCheck, all_reversed
@@ -29,6 +30,8 @@ Weight = Literal["grave", "care", "aside"]
 # Requirements on a campaign: levels each way, sine periods, cycles of each; time with one thruster alone and time of
 # coasting, in periods of the cut-off.
 _LEVELS, _SINES, _CYCLES, _ALONE, _COAST = 4, 2, 5, 16.0, 16.0
+# Parts of a log, above which a sine is in pieces.
+_MANY_PARTS = 5
 # Readings of all logs below which logs without a change of command are too short rather than wrong; decision.
 _FEWEST = 100
 # Levels that differ by less than this share of the largest count as one.
@@ -210,7 +213,7 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         )
         yield Advice(kind="holds", text=text)
     periods = _count_levels([sine.period for sine in sines if sine.cycles >= _CYCLES])
-    if periods < _SINES:
+    if periods + sum(map(_may_hold_a_sine, log_parts(runs).values())) < _SINES:
         longest = "that of its own swing" if axis.self_righting else "ten vehicle time constants long"
         text = (
             f"Run sines of {_SINES} periods or more, about {longest} and shorter, each for {_CYCLES} cycles: you have "
@@ -232,6 +235,13 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
             "cannot be found."
         )
         yield Advice(kind="one_thruster", text=text)
+
+
+def _may_hold_a_sine(parts: Sequence[Run]) -> bool:
+    """Whether faults, as lost rows, have cut a log in many parts, over which the torque goes to and fro."""
+    torque = np.concatenate([run.torque for run in parts])
+    reversals = np.count_nonzero(np.diff(np.sign(torque[torque != 0.0])))
+    return len(parts) > _MANY_PARTS and reversals >= 2 * _CYCLES
 
 
 def _count_levels(values: Sequence[float]) -> int:

@@ -6,6 +6,7 @@ thrusters, except that no vehicle responds before the command. The maximum likel
 sign in each trial, with a lag of the thrusters in addition where it is significant.
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -31,6 +32,7 @@ from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffset, ClockOffse
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.formats import all_channels, relative_name
 from rovid.trial.config import Config
+from rovid.trial.log_files import Join
 from rovid.trial.preprocessing import Run, prepare, shift_commands
 from rovid.trial.rates import choose_cutoff
 from rovid.trial.trial import Campaign, Trial
@@ -89,8 +91,8 @@ def estimate_clock_offsets(trials: Sequence[Trial], config: Config) -> ClockOffs
     ]
     changes = [np.count_nonzero(np.diff(wholes[name].commands, axis=0).any(axis=1)) for name in delays]
     scatter = interval / max(float(np.median(changes)), 1.0) ** 0.5 if changes else 0.0
-    offsets = _pooled(aligned, starts, config)
-    for clock in _pooled(responses, starts, config, scatter):
+    offsets = pooled_offsets(aligned, starts, config.join)
+    for clock in pooled_offsets(responses, starts, config.join, scatter):
         offsets.append(replace(clock, error=math.hypot(clock.error, interval)))
     if any(clock.certain and not clock.by for clock in offsets) and not _are_early(joined, config.vehicle):
         offsets = [clock for clock in offsets if clock.by or not clock.certain]
@@ -129,8 +131,8 @@ def _file_with(files: Mapping[Path, Columns], sources: set[str]) -> Path | None:
 # ---- files of one part
 
 
-def _pooled(
-    clocks: Sequence[ClockOffset], starts: Mapping[str, float | None], config: Config, scatter: float = 0.0
+def pooled_offsets(
+    clocks: Sequence[ClockOffset], starts: Mapping[str, float | None], join: Join | None, scatter: float = 0.0
 ) -> list[ClockOffset]:
     """One clock for all files of a part if the offsets agree, or a common drift, or else the clocks themselves.
 
@@ -138,7 +140,7 @@ def _pooled(
     """
     parts: dict[str, list[ClockOffset]] = {}
     for clock in clocks:
-        parts.setdefault(config.join.part(clock.name) if config.join else "", []).append(clock)
+        parts.setdefault(join.part(clock.name) if join else "", []).append(clock)
     pooled: list[ClockOffset] = []
     for part, own in parts.items():
         times = [(starts[clock.name], clock.middle) for clock in own]
@@ -149,11 +151,21 @@ def _pooled(
             pooled += own
         elif (line := _fit_line(own, np.zeros(len(own)), scatter)) is not None:
             pooled.append(replace(own[0], name=part, offset=line[0][0], error=line[1][0]))
-        elif len(known) == len(own) > 2 and (line := _fit_line(own, known - known.mean(), scatter)) is not None:
+        elif (
+            len(known) == len(own) > 2
+            and _follow_each_other(times)
+            and (line := _fit_line(own, known - known.mean(), scatter)) is not None
+        ):
             pooled += _on_line(own, known - known.mean(), line)
         else:
             pooled += own
     return pooled
+
+
+def _follow_each_other(times: Sequence[tuple[float | None, float]]) -> bool:
+    """Whether no log, given by begin and half a length in s, begins before the middle of another: as one clock does."""
+    logs = sorted((begin, half) for begin, half in times if begin is not None)
+    return all(after >= begin + half for (begin, half), (after, _) in itertools.pairwise(logs))
 
 
 def _fit_line(

@@ -43,6 +43,9 @@ YAW_DEMAND = "RATE.YOut"
 _MIXER_R2, _MIXER_SHARE = 0.9, 0.1
 # Effect per N m relative to the other thrusters: below this value a thruster is ineffective; standard errors required.
 _INEFFECTIVE, _CONFIDENT = 0.2, 3.0
+# Effect per N m relative to the other thrusters, up to which a negative one is no other sign: a thruster whose arm is
+# turned around pushes about as much as the others. Errors of the curves, as weak reverse thrust, leave less. Decision.
+_REVERSED = 1.0 / 3.0
 
 Log = Mapping[str, RawColumn]
 
@@ -365,6 +368,9 @@ def check_thrusters(trials: Sequence[Trial], vehicle: Vehicle) -> list[ThrusterC
     mean = float(weights @ np.abs(gains)) / max(float(weights.sum()), 1e-300)
     if not mean > 0.0:
         mean = np.nan
+    for name, effect in effects.items():
+        if -_REVERSED < effect.gain / mean < 0.0:
+            effects[name] = replace(effect, is_contradicted=True)
     return [
         ThrusterCheck(name=name, observed=effects[name], strength=effects[name].gain / mean, error=errors[name] / mean)
         for name in names

@@ -12,6 +12,7 @@ from rovid.core.array_types import FloatArray
 from rovid.faults.base import TrialData
 from rovid.faults.heading_step import DETECTORS
 from rovid.readers.ulg_reader import _resets
+from rovid.trial.axis import AXES
 from rovid.trial.cutting import split
 from tests.faults.drives import drives, found, undamaged
 from tests.synthetic import VEHICLE
@@ -33,6 +34,12 @@ def test_a_jump_is_found_with_instant_and_size(degrees: float, seed: int, tmp_pa
             error = (fault.size - np.deg2rad(degrees) + np.pi) % (2.0 * np.pi) - np.pi
             assert abs(error) < 4.0 * fault.standard_error + np.deg2rad(0.5), name
             assert [part.time[-1] > 0.0 for part in split(trial)] == [True, True]
+
+
+def test_a_jump_of_another_angle_has_its_name(tmp_path: Path) -> None:
+    trial = replace(dict(drives(3))["sine 5.0"].with_step(300, 20.0).trial(tmp_path), axis=AXES["roll"])
+    (fault,) = [one.fault for one in DETECTORS["trial"][0](TrialData(trial=trial, vehicle=VEHICLE))]
+    assert "the roll jumps and stays" in fault.text
 
 
 def test_a_jump_after_a_single_change_of_the_command_is_found(tmp_path: Path) -> None:

@@ -38,6 +38,17 @@ def test_holds_sines_and_samples_are_counted(tmp_path: Path) -> None:
     assert low < 0.0 < high
 
 
+def test_sines_with_lost_rows_are_not_requested_again(tmp_path: Path) -> None:
+    """Lost rows cut a sine in pieces."""
+    settings, rng = config(tmp_path, "hold_03.csv", "sine_40s_a.csv", "sine_80s.csv"), np.random.default_rng(2)
+    for name in ("sine_40s_a.csv", "sine_80s.csv"):
+        log = pd.read_csv(tmp_path / name)
+        log[rng.random(len(log)) > 0.12].to_csv(tmp_path / name, index=False)
+    found = check_logs([tmp_path], settings)
+    assert {fault.fault for fault in found.faults} == {"lost_rows"}
+    assert "sines" not in {one.kind for one in found.advice}
+
+
 def heading_hold(seed: int) -> str:
     """CSV text of 60 s of a heading hold by thrust commands within 0.5 of the curve of the tank, in gusts."""
     rng, step, inertia = np.random.default_rng(seed), 0.05, 5000.0

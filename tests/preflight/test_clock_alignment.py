@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks.clocks import told
 from rovid.core.array_types import FloatArray
+from rovid.preflight import clock_offsets
 from rovid.preflight.clock_alignment import ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
 from tests.conftest import Rovid, slow
@@ -132,6 +133,19 @@ def test_equal_findings_are_grouped() -> None:
     assert "thrust seems to lag the command by 0.3 s" in words
     assert "1.csv 0.600 ± 0.020" in words
     assert "and 3 more" in words
+
+
+@pytest.mark.parametrize("apart", [0.0, 80.0])
+def test_logs_that_begin_at_once_show_no_drift_of_a_day(apart: float) -> None:
+    """Offsets that grow with the lengths of the logs are no drift of one clock, unless one log follows the other."""
+    half = [30.0, 40.0, 50.0, 60.0]
+    starts: dict[str, float | None] = {f"{k}": 1e9 + apart * k for k in range(4)}
+    clocks = [
+        ClockOffset(name=f"{k}", offset=0.5 + 4e-3 * (apart * k + half[k]), error=0.005, middle=half[k])
+        for k in range(4)
+    ]
+    drifts = [clock.drift for clock in clock_offsets.pooled_offsets(clocks, starts, None)]
+    assert drifts == [pytest.approx(4000.0 if apart else 0.0)] * 4
 
 
 JOIN = 'parts = ["ins", "thr"]\n'

@@ -95,6 +95,20 @@ def test_reversed_and_ineffective_thrusters_are_found() -> None:
     assert [push.is_ineffective for push in found] == [False, False, True]
 
 
+def test_a_weak_thruster_that_always_pushes_with_another_is_not_reversed() -> None:
+    """Two screws driven against each other: reverse thrust is a third, and the second screw pushes half."""
+    rng = np.random.default_rng(6)
+    together = np.repeat(rng.uniform(-1.0, 1.0, 400), 30)
+    time, command = 0.1 * np.arange(len(together)), np.column_stack((together, -together))
+    thrust = np.where(command > 0.0, 100.0 * command, 35.0 * command) @ [0.4, -0.2]
+    rate = lfilter([0.1 / 60.0], [1.0, -(1.0 - 0.1 * 60.0 / 60.0)], thrust + rng.normal(0.0, 2.0, len(time)))
+    position = 0.1 * np.cumsum(rate) + rng.normal(0.0, 1e-3, len(time))
+    bench = ThrustCurve(command=np.array([-1.0, 0.0, 1.0]), thrust=np.array([-80.0, 0.0, 100.0]))
+    pair = Vehicle(name="", thrusters=tuple(Thruster(name=f"{arm}", arm=arm, curve=bench) for arm in (0.4, -0.4)))
+    log = Trial(name="a", path=Path("a"), time=time, position=position, commands=command)
+    assert [push.observed.direction for push in check_thrusters([log], pair)] == [1, 0]
+
+
 def test_a_heading_of_the_other_sign_is_one_advice() -> None:
     found = check_thrusters([trial((0.4, -0.4, 0.3))], vehicle(-0.4, 0.4, -0.3))
     assert "sign = -1" in all_reversed(found, YAW)
