@@ -241,7 +241,7 @@ def _may_hold_a_sine(parts: Sequence[Run]) -> bool:
     """Whether faults, as lost rows, have cut a log in many parts, over which the torque goes to and fro."""
     torque = np.concatenate([run.torque for run in parts])
     reversals = np.count_nonzero(np.diff(np.sign(torque[torque != 0.0])))
-    return len(parts) > _MANY_PARTS and reversals >= 2 * _CYCLES
+    return len(parts) > _MANY_PARTS and bool(reversals >= 2 * _CYCLES)
 
 
 def _count_levels(values: Sequence[float]) -> int:

@@ -100,7 +100,7 @@ def joined(run: Run) -> Run:
     return replace(run, trial=replace(run.trial, companion_files=(Path("thrusters.csv"),)))
 
 
-@pytest.mark.parametrize("ppm", [17_000.0, -17_000.0, 4_000.0])
+@pytest.mark.parametrize("ppm", [17_000.0, -17_000.0, 4_000.0, -2_000.0])
 def test_a_drift_between_joined_files_stops(ppm: float) -> None:
     runs = []
     for run in map(joined, day("large", 3)):

@@ -37,8 +37,10 @@ def test_a_jump_is_found_with_instant_and_size(degrees: float, seed: int, tmp_pa
 
 
 def test_a_jump_of_another_angle_has_its_name(tmp_path: Path) -> None:
-    trial = replace(dict(drives(3))["sine 5.0"].with_step(300, 20.0).trial(tmp_path), axis=AXES["roll"])
-    (fault,) = [one.fault for one in DETECTORS["trial"][0](TrialData(trial=trial, vehicle=VEHICLE))]
+    trial = dict(drives(3))["sine 5.0"].trial(tmp_path)
+    jump = np.where(np.arange(len(trial.time)) < 300, 0.0, np.deg2rad(20.0))
+    data = TrialData(trial=replace(trial, axis=AXES["roll"], position=trial.position + jump), vehicle=VEHICLE)
+    (fault,) = [one.fault for detect in DETECTORS["trial"] for one in detect(data)]
     assert "the roll jumps and stays" in fault.text
 
 

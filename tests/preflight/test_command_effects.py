@@ -99,7 +99,7 @@ def test_a_weak_thruster_that_always_pushes_with_another_is_not_reversed() -> No
     """Two screws driven against each other: reverse thrust is a third, and the second screw pushes half."""
     rng = np.random.default_rng(6)
     together = np.repeat(rng.uniform(-1.0, 1.0, 400), 30)
-    time, command = 0.1 * np.arange(len(together)), np.column_stack((together, -together))
+    time, command = 0.1 * np.arange(float(len(together))), np.column_stack((together, -together))
     thrust = np.where(command > 0.0, 100.0 * command, 35.0 * command) @ [0.4, -0.2]
     rate = lfilter([0.1 / 60.0], [1.0, -(1.0 - 0.1 * 60.0 / 60.0)], thrust + rng.normal(0.0, 2.0, len(time)))
     position = 0.1 * np.cumsum(rate) + rng.normal(0.0, 1e-3, len(time))
