@@ -125,11 +125,22 @@ def run_wave_test(data: InnovationData, beside: FitResult, wave: Effect | None, 
     bic_gain = bic_score(with_waves) - bic_score(plain)
     if not is_plausible(with_waves) or bic_gain <= 0.0 or _is_sensor_filter(data, plain, with_waves):
         return WaveTest(plain, pieces)
+    if _in_one_run(with_waves):
+        return WaveTest(plain, pieces)
     gain = plain.value - with_waves.value
     if not with_waves.is_white:
         # Coloured innovations overstate the gain: its scatter over time limits it.
         bic_gain = min(bic_gain, _supported_gain(with_waves, plain))
     return WaveTest(plain, pieces, with_waves, gain, bic_gain)
+
+
+def _in_one_run(fitted: FitResult) -> bool:
+    """Whether the other runs are no likelier with the waves that one run shows, as with a harmonic of its commands."""
+    calm = fitted.x.copy()
+    calm[len(calm) - len(fitted.effects[-1].parameters)] = 0.0
+    gains = fitted.objective.contributions(calm) - fitted.objective.contributions(fitted.x)
+    by_run = np.bincount(fitted.data.run_index, weights=gains)
+    return len(by_run) > 1 and bool(by_run.sum() <= by_run.max())
 
 
 def _fit_without_waves(data: InnovationData, beside: FitResult) -> FitResult:

@@ -24,26 +24,31 @@ from tests.synthetic import LOGGED, ROSUB, clock, gauss_markov, run
 WAVES = next(effect for effect in CATALOGUE if effect.is_wave)
 
 
-def hump_beside(kind: str) -> WaveTest:
-    """Test for waves in levels of thrust, next to a broad disturbance and a ``kind`` of narrow-band torque."""
-    rng = np.random.default_rng(4)
-    time = clock(400.0, 5.0)
-    torque = 230.0 * rng.choice([-1.0, 0.0, 1.0], 41)[(time // 10.0).astype(int)]
-    disturbance = gauss_markov(len(time), 0.2, 5.0, 20.0, rng)
-    if kind != "filtered heading":
-        drive = np.abs(torque) if kind == "stall" else np.ones(len(time))
-        wave = lfilter([1.0], [1.0, -1.94 * np.cos(0.2 * 1.5), 0.9409], drive * rng.normal(0.0, 1.0, len(time)))
-        disturbance += 30.0 * wave / np.std(wave)
-    log = run(time, torque, disturbance=disturbance, noise=rng.normal(0.0, np.deg2rad(0.3), len(time)))
-    if kind == "filtered heading":
-        share = -np.expm1(-0.2 / 1.0)
-        rest = (1.0 - share) * log.trial.position[:1]
-        heading = lfilter([share], [1.0, share - 1.0], log.trial.position, zi=rest)[0]
-        log = replace(log, trial=replace(log.trial, position=heading))
-    data = InnovationData([log], LOGGED, ROSUB)
+def hump_beside(*kinds: str) -> WaveTest:
+    """Test for waves in levels of thrust, next to a broad disturbance and a kind of narrow-band torque in each log."""
+    rng, time, logs = np.random.default_rng(4), clock(400.0, 5.0), []
+    for kind in kinds:
+        torque = 230.0 * rng.choice([-1.0, 0.0, 1.0], 41)[(time // 10.0).astype(int)]
+        disturbance = gauss_markov(len(time), 0.2, 5.0, 20.0, rng)
+        if kind in {"waves", "stall"}:
+            drive = np.abs(torque) if kind == "stall" else np.ones(len(time))
+            wave = lfilter([1.0], [1.0, -1.94 * np.cos(0.2 * 1.5), 0.9409], drive * rng.normal(0.0, 1.0, len(time)))
+            disturbance += 30.0 * wave / np.std(wave)
+        log = run(time, torque, disturbance=disturbance, noise=rng.normal(0.0, np.deg2rad(0.3), len(time)))
+        if kind == "filtered heading":
+            share = -np.expm1(-0.2 / 1.0)
+            rest = (1.0 - share) * log.trial.position[:1]
+            heading = lfilter([share], [1.0, share - 1.0], log.trial.position, zi=rest)[0]
+            log = replace(log, trial=replace(log.trial, position=heading))
+        logs.append(log)
+    data = InnovationData(logs, LOGGED, ROSUB)
     objective = InnovationLikelihood(data, 0.05)
     beside = FitResult.at(objective, objective.parametrization.initial())
     return run_wave_test(data, beside, WAVES, ())
+
+
+def test_what_shows_in_one_of_two_logs_is_no_wave() -> None:
+    assert hump_beside("waves", "calm").fitted is None
 
 
 def test_the_noise_of_a_filtered_heading_is_no_wave() -> None:
