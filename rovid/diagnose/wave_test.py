@@ -221,8 +221,10 @@ def power_of_waves(fitted: FitResult) -> PowerOfWaves:
     amplitude = count - len(fitted.effects[-1].parameters)
     information, rows = np.zeros(()), []
     for piece in fitted.objective.jacobian(fitted.x):
-        modulated = piece.matrix[:, [amplitude]] * np.tile(signals[piece.rows], (2, 1))
-        joined = replace(piece, matrix=np.hstack((piece.matrix, modulated)))
+        here = np.tile(signals[piece.rows], (2, 1))
+        # A turn widens the band of waves: that explains a part of their power away from the frequency.
+        widened, modulated = piece.matrix[:, [-1]] * here[:, [1]], piece.matrix[:, [amplitude]] * here
+        joined = replace(piece, matrix=np.hstack((piece.matrix, widened, modulated)))
         information = information + joined.information
         rows.append(joined.scores)
     block = fitted.data.block_index
@@ -238,8 +240,8 @@ def power_of_waves(fitted: FitResult) -> PowerOfWaves:
         square = float(total @ np.linalg.pinv(rest.T @ rest, rcond=1e-8, hermitian=True) @ total)
         return 0.5 * (len(left) * math.log1p(square / len(left)) - len(tested))
 
-    own, headings = range(count), range(count + 2, count + signals.shape[1])
-    drives = range(count, count + 2)
+    own, headings = range(count + 1), range(count + 3, count + 1 + signals.shape[1])
+    drives = range(count + 1, count + 3)
     return PowerOfWaves(
         heading=gain(headings, own) if headings else 0.0,
         drive=max(gain([one], own) for one in drives),
