@@ -146,6 +146,18 @@ def _ramps(scene: _Scene) -> Floats:
     return scene.rounded(np.interp(np.arange(scene.count), at, values), 200)
 
 
+def _slewed_levels(scene: _Scene) -> Floats:
+    """Random levels, each reached in a few steps at a clock, as a stick whose commands are limited in rate."""
+    goal = scene.levels(1.0, 6.0, lambda _: float(scene.rng.uniform(-1.5, 1.5)) * scene.torque)
+    clock, most = scene.rows(0.05, 0.3), float(scene.rng.uniform(0.3, 1.0)) * scene.torque
+    torque, last = np.empty(scene.count), 0.0
+    for row in range(scene.count):
+        if row % clock == 0:
+            last += float(np.clip(goal[row] - last, -most, most))
+        torque[row] = last
+    return torque
+
+
 # Kind -> torque in N m.
 OPEN: dict[str, Callable[[_Scene], Floats]] = {
     "random binary": _random_binary,
@@ -160,6 +172,7 @@ OPEN: dict[str, Callable[[_Scene], Floats]] = {
     "multisine": _multisine,
     "noise": _noise,
     "ramps": _ramps,
+    "slewed levels": _slewed_levels,
 }
 CLOSED = {
     "autopilot": _PILOT,
@@ -182,15 +195,23 @@ def steered(kind: str, seed: int) -> Steered:
     size = float(np.exp(rng.uniform(np.log(0.002), np.log(0.08)))) * torque
     disturbance = size * _coloured(scene.count, step, float(rng.uniform(0.3, 6.0)) * tau, rng)
     noise = float(np.radians(np.exp(rng.uniform(np.log(0.005), np.log(0.2))))) * rng.normal(size=scene.count)
-    commanded = OPEN[kind](scene) if kind in OPEN else np.zeros(scene.count)
+    # Commands may be sent at a slower clock than the rows of the log.
+    clock = int(rng.choice([1, 1, 1, 2, 3, 4, 6]))
+    commanded = np.zeros(scene.count)
+    if kind in OPEN:
+        clock = clock if kind != "slewed levels" else 1
+        commanded = np.repeat(OPEN[kind](scene)[::clock], clock)[: scene.count]
     heading, commanded = _moved(
         commanded, step, np.array([inertia, quadratic, linear]), _odd(rng, scene), disturbance, noise,
-        CLOSED.get(kind, _NONE), _law(kind, scene, inertia), _wanted(kind, scene), _looks(kind, scene),
+        CLOSED.get(kind, _NONE), _law(kind, scene, inertia), _wanted(kind, scene), _looks(kind, scene, clock),
     )  # fmt: skip
     finest = float(np.radians(rng.choice([0.0, 0.01, 0.1])))
     if finest:
         heading = np.round(heading / finest) * finest
-    return Steered(kind=kind, time=scene.time, heading=heading + float(rng.uniform(-3.0, 3.0)), torque=commanded)
+    heading += float(rng.uniform(-3.0, 3.0))
+    # Some loggers write rows at irregular intervals.
+    rows = np.flatnonzero(rng.random(scene.count) >= float(rng.choice([0.0, 0.0, 0.0, 0.6])))
+    return Steered(kind=kind, time=scene.time[rows], heading=heading[rows], torque=commanded[rows])
 
 
 def _coloured(count: int, step: float, memory: float, rng: np.random.Generator) -> Floats:
@@ -247,9 +268,9 @@ def _wanted(kind: str, scene: _Scene) -> Floats:
     return scene.levels(8.0, 22.0, lambda number: float(steps[:number].sum()))
 
 
-def _looks(kind: str, scene: _Scene) -> NDArray[np.bool_]:
-    """(n,) when a person looks and decides; a machine always does."""
-    looks = np.ones(scene.count, dtype=bool)
+def _looks(kind: str, scene: _Scene, clock: int) -> NDArray[np.bool_]:
+    """(n,) when a person looks and decides; a machine does at its clock."""
+    looks: NDArray[np.bool_] = np.arange(scene.count) % clock == 0
     if kind == "stick":
         looks[:] = False
         at = 0
@@ -275,9 +296,11 @@ def _moved(
         away = wanted[k] - heading[seen]
         asked = law[0] * away - law[1] * rates[seen] + total
         if mode == _PILOT:
-            torque[k] = min(max(asked, -law[3]), law[3])
-            if torque[k] == asked:
-                total += law[2] * away
+            if looks[k]:
+                last = min(max(asked, -law[3]), law[3])
+                if last == asked:
+                    total += law[2] * away
+            torque[k] = last
         elif mode == _ZIGZAG:
             if -away * side > law[4]:
                 side = -side

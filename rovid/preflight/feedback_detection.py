@@ -39,10 +39,16 @@ _MIN_SAMPLES = 60
 _INTERVAL, _MAX_ROWS, _MIN_RUN, _WARM_UP = 0.1, 20_000, 4, 8
 # Flow: windows before a row, first and last row, over which commands and innovations are summed.
 _WINDOWS = ((1, 1), (2, 2), (3, 4), (5, 8), (9, 16), (17, 32), (33, 64), (65, 128))
+# Flow, commands at a slow clock: share of the levels that differ, their number that is always enough, minimum number of
+# rows.
+_LEVELS, _MANY_LEVELS, _MIN_SLOW = 0.3, 30, 240
+# Flow: spacing of rows that most do not exceed, relative to the median, above which rows are irregular.
+_IRREGULAR = 1.3
 # Flow: number of shifts for the calibration, shortest shift in rows, and minimum share of the variance of the changes.
 _SHIFTS, _MIN_SHIFT, _MIN_SHARE = 99, 40, 0.05
-# Steps: minimum size as a share of the range, sampling intervals within which all thrusters change, minimum number.
-_STEP_SIZE, _SIMULTANEOUS, _MIN_STEPS = 0.05, 2.5, 10
+# Steps: minimum size as a share of the range, sampling intervals within which all thrusters change, minimum number,
+# longest interval in a ramp relative to the mean of all, maximum number of changes in a step.
+_STEP_SIZE, _SIMULTANEOUS, _MIN_STEPS, _RAMP, _LONGEST = 0.05, 2.5, 10, 0.3, 8
 # Reversals, as shares of half the range: where a side begins, the tolerance of a constant command, and the minimum
 # share of the samples within that tolerance.
 _SIDE, _CONSTANT, _MOSTLY = 0.7, 0.01, 0.6
@@ -76,8 +82,10 @@ def detect_feedback(trials: Sequence[Trial], vehicle: Vehicle) -> list[Feedback]
         effort = np.asarray(trial.commands @ np.array(gains))
         # A missing command makes the range NaN, and this condition false.
         if np.ptp(effort) > 0.0 and trial.measured.sum() >= _MIN_SAMPLES:
-            for test in (_test_flow, _test_steps, _test_reversals):
-                result = test(trial, effort)
+            flow = _test_flow(trial, effort)
+            stream = flow is not None or _command_interval(trial, effort) > 0.0
+            steps = None if stream else _test_steps(trial, effort)
+            for result in (flow, steps, _test_reversals(trial, effort)):
                 if result is not None:
                     results.setdefault(result.seen_in, []).append(result)
     found = [result for same in results.values() for result in _combined(same) if result.chance < SIGNIFICANCE_LEVEL]
@@ -100,30 +108,51 @@ def _combined(results: Sequence[Feedback]) -> list[Feedback]:
 
 def _test_flow(trial: Trial, effort: FloatArray) -> Feedback | None:
     known = np.flatnonzero(trial.measured)
-    stride = max(round(_INTERVAL / trial.sampling_interval), len(known) // _MAX_ROWS + 1)
-    time, position = trial.time[known[::stride]], trial.position[known[::stride]]
-    interval = np.diff(time)
-    rate = np.diff(position) / interval
+    measured, spacing = trial.time[known], np.diff(trial.time[known])
+    sent, most = _command_interval(trial, effort), float(np.percentile(spacing, 90.0))
+    stride = max(round(max(_INTERVAL, sent) / trial.sampling_interval), len(known) // _MAX_ROWS + 1)
+    time, position = measured[::stride], trial.position[known[::stride]]
+    irregular = most > _IRREGULAR * float(np.median(spacing))
+    if irregular:
+        # Equal intervals, none shorter than most of those between readings.
+        time = np.arange(measured[0], measured[-1], max(_INTERVAL, sent, most))
+        position = np.interp(time, measured, trial.position[known])
+    rate = np.diff(position) / np.diff(time)
     command = held_mean(trial.time, effort, time)
     if not np.ptp(command) > 0.0:
         return None
     mean, size = command.mean(), command.std()
     command = (command - mean) / size
     rows = _continuous_rows(command)
-    for gap in np.flatnonzero(interval > 3.0 * np.median(interval)):
-        rows[gap : gap + _WARM_UP] = False
-    if rows.sum() < _MIN_SAMPLES:
+    gaps = np.flatnonzero(spacing > 3.0 * np.median(np.diff(time)))
+    for first, last in zip(*np.searchsorted(time, (measured[gaps], measured[gaps + 1])), strict=True):
+        rows[max(first - 1, 0) : last + _WARM_UP] = False
+    changes = np.abs(np.diff(command, prepend=command[0]))
+    if rows.sum() < (_MIN_SLOW if sent > _INTERVAL else _MIN_SAMPLES) or changes[rows].sum() < _MOSTLY * changes.sum():
         return None
     # The motion depends on when within an interval the command changed: the last two commands are regressors too.
-    last = np.maximum(np.searchsorted(trial.time, time[:-1]) - 1, 1)
+    last = np.maximum(np.searchsorted(trial.time, time[:-1] - 0.01 * trial.sampling_interval) - 1, 1)
     ends = (effort[np.column_stack((last, last - 1))] - mean) / size
     own = (np.ones(len(rate)), ends, _window_sums(command), np.abs(_lag(command, 1)), _lag(command, 3))
     before = np.column_stack(own)[rows]
     # Steps of the set point are outliers.
     change = _clip(_robust_residual(before, command[rows]), 2.5)
     innovations = _window_sums(_clip(_innovations(rate, command), 4.0))
+    if irregular:
+        # Between distant rows a command may have changed, and the vehicle moved, before the row that shows it.
+        innovations = innovations[:, 1:]
     chance, share = _calibrated_f_test(before, change, innovations, rows)
     return Feedback(name=trial.name, seen_in="flow", chance=chance, share=share)
+
+
+def _command_interval(trial: Trial, effort: FloatArray) -> float:
+    """Interval between commands of many levels that are sent at a clock slower than the rows, s; 0 for others."""
+    changes = np.flatnonzero(np.diff(effort))
+    levels = np.unique(np.round(effort[changes] / np.ptp(effort), 6))
+    if len(changes) < 2 or len(levels) < min(_LEVELS * len(changes), _MANY_LEVELS):
+        return 0.0
+    low, high = np.percentile(np.diff(trial.time[changes]), (25.0, 75.0))
+    return float(low) if 1.5 * trial.sampling_interval < low and high < 2.1 * low else 0.0
 
 
 def _calibrated_f_test(
@@ -200,14 +229,19 @@ def _test_steps(trial: Trial, effort: FloatArray) -> Feedback | None:
     # Rows of `trial.time` at which a new level begins.
     span = float(np.ptp(effort))
     changes = np.flatnonzero(np.abs(np.diff(effort)) > 1e-6 * span) + 1
-    # Thrusters change within a few samples. Longer sequences of changes are no step.
-    apart = np.flatnonzero(np.diff(trial.time[changes]) > _SIMULTANEOUS * trial.sampling_interval) + 1
-    bursts = [burst for burst in np.split(changes, apart) if 0 < len(burst) <= 3]
-    steps = [burst[-1] for burst in bursts if abs(effort[burst[-1]] - effort[burst[0] - 1]) > _STEP_SIZE * span]
-    at = np.array(steps, dtype=np.intp)
-    if len(at) < _MIN_STEPS:
+    if len(changes) < _MIN_STEPS:
         return None
-    instants = trial.time[at]
+    # Thrusters change within a few samples. Longer sequences of changes are no step, unless they are a ramp of a few
+    # updates to one side.
+    gaps, sides = np.diff(trial.time[changes]), np.sign(np.diff(effort)[changes - 1])
+    ramp = (np.diff(sides) == 0.0) & (gaps < _RAMP * gaps.mean())
+    apart = np.flatnonzero(~ramp & (gaps > _SIMULTANEOUS * trial.sampling_interval)) + 1
+    bursts = [burst for burst in np.split(changes, apart) if len(burst) <= _LONGEST]
+    bursts = [burst for burst in bursts if abs(effort[burst[-1]] - effort[burst[0] - 1]) > _STEP_SIZE * span]
+    if len(bursts) < _MIN_STEPS:
+        return None
+    at = np.array([burst[-1] for burst in bursts], dtype=np.intp)
+    instants = trial.time[np.array([burst[0] for burst in bursts], dtype=np.intp)]
     duration = np.diff(instants, prepend=trial.time[0])
     median = float(np.median(duration))
     position, rate = _motion_before(trial, instants, max(4.0 * trial.sampling_interval, 0.25 * median))
@@ -216,6 +250,11 @@ def _test_steps(trial: Trial, effort: FloatArray) -> Feedback | None:
     rows = rows[rows >= 2]
     levels = np.concatenate((effort[:1], effort[at])) / effort.std()
     after, held, earlier = levels[rows + 1], levels[rows], levels[rows - 1]
+    pairs = np.round(np.column_stack((held, earlier, after)) / np.ptp(levels), 6)
+    kinds = len(np.unique(pairs[:, :2], axis=0))
+    if kinds < 0.5 * len(rows) and len(np.unique(pairs, axis=0)) == kinds:
+        # Each level follows from the two before it, as in a sequence that repeats itself.
+        return Feedback(name=trial.name, seen_in="steps", chance=1.0)
     duration = np.minimum(duration[rows] / median, 3.0)
     own = np.column_stack((np.ones(len(rows)), held, earlier, held**2, held * earlier, duration))
     motion = np.column_stack((turn[rows], rate[rows]))

@@ -25,19 +25,19 @@ EACH = 10
 
 @pytest.mark.slow
 def test_open_loop_is_rarely_called_feedback() -> None:
-    # 2 of 1200 such runs with other seeds; of 120 more than two would come up once in a thousand times.
+    # 4 of 2600 such runs with other seeds; of 130 more than two would come up once in a thousand times.
     assert sum(seen(steered(kind, seed)) for kind in OPEN for seed in range(EACH)) <= 2
 
 
 @pytest.mark.parametrize(
     ("kind", "share"),
-    # Of 100 runs with other seeds 0.92, 0.6, 0.6, 0.42 and 0.58: fewer than these of 20 come up once in 100 times.
+    # Of 100 runs with other seeds 0.44, 0.3, 0.38, 0.39 and 0.46: fewer than these of 20 come up once in 100 times.
     [
-        ("heading hold", 0.75),
-        slow("autopilot", 0.35),
-        slow("slow autopilot", 0.35),
-        ("zigzag by heading", 0.2),
-        ("stick", 0.3),
+        ("heading hold", 0.2),
+        slow("autopilot", 0.1),
+        slow("slow autopilot", 0.15),
+        ("zigzag by heading", 0.15),
+        ("stick", 0.2),
     ],
 )
 def test_feedback_is_detected(kind: str, share: float) -> None:
@@ -96,7 +96,7 @@ def test_a_zigzag_by_heading_is_feedback_at_its_reversals() -> None:
 
 def test_logs_are_combined() -> None:
     """A run too short by itself is reported if similar runs agree."""
-    trials = [replace(trial_of(steered("stick", seed)), name=f"run_{seed}") for seed in range(2 * EACH)]
+    trials = [replace(trial_of(steered("slow autopilot", seed)), name=f"run_{seed}") for seed in range(2 * EACH)]
     alone = [trial.name for trial in trials if detect_feedback([trial], LOGGED)]
     together = [one.name for one in detect_feedback(trials, LOGGED)]
     assert set(alone) < set(together)
