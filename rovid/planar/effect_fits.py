@@ -1,6 +1,7 @@
 """Effects that the planar model can hold, and its fits with further ones."""
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from rovid.planar.dataset import PlanarData, has_hidden_sway
 from rovid.planar.free_runs import FreeRuns, misses_much
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
-from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.optimum import Linearisation, PlanarOptimum, chord_fit
 from rovid.planar.start_values import start_values
 
 # Effects that a vehicle with a rudder is likely to have, because its hull moves ahead: lift in proportion to the speed
@@ -53,20 +54,20 @@ def _with_stall(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     if not numbers or not best.coordinates.rudders or best.likelihood.grid.yaw_only or is_ship:
         return best
     coordinates, x, places = best.coordinates.stalling(best.x, numbers)
-    likelihood, found = best.likelihood.with_coordinates(coordinates), list[tuple[float, FloatArray]]()
-    # A stall angle has no influence beyond the angles of attack in the logs: several values are tried by score tests.
-    for angle in (float(best.coordinates.rudders[numbers[0]].stall), *_STALLS):
+    likelihood, found = best.likelihood.with_coordinates(coordinates), list[PlanarOptimum]()
+    # A stall angle has no influence beyond the angles of attack in the logs: several values are tried by short fits.
+    for angle in _STALLS:
         start = x.copy()
         start[places] = angle
-        gradient, information = likelihood.equations(start)
-        gain = 0.5 * float(gradient @ inverse_information(information) @ gradient)
-        found.append((likelihood.value(start) - gain, start))
+        begin = PlanarOptimum(likelihood, start, likelihood.value(start))
+        with suppress(DataError):  # Next to this start the filter diverges.
+            found.append(chord_fit(likelihood, start, Linearisation.of(begin).matrix))
     needed = _LIFT_GAIN + 0.5 * math.log(float(best.likelihood.grid.used.sum())) * len(numbers)
-    predicted, start = min(found, key=lambda one: one[0])
-    if best.value - predicted < THRESHOLDS.screening_share * needed:
+    begin = min((best, *found), key=lambda one: one.value)
+    if best.value - begin.value < THRESHOLDS.screening_share * needed:
         return best
     # A wrong stall angle bends all parameters of a rudder: the fit takes all its steps.
-    stalling = _fitted(likelihood, FreeRuns.of(data, coordinates.sizes), start)
+    stalling = _fitted(likelihood, FreeRuns.of(data, coordinates.sizes), begin.x)
     stalling = PlanarOptimum.fit(likelihood, stalling.x)
     return stalling if best.value - stalling.value > needed and not misses_much(stalling, data) else best
 
