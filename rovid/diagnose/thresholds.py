@@ -271,9 +271,9 @@ class Thresholds:
     confirmed_odds: float = 99.0
     """Odds of a true cause against a stand-in at the held-out gain of a confirmed cause. Set: a rate of 1 in 100.
     Halved: one confirmed cause in 50 at that gain is a stand-in; doubled: one in 200."""
-    likely_standard_errors: float = 2.0
-    """Standard errors. The size of a likely cause is at least as far from nothing. Set: theory (95 % interval).
-    Halved: likely causes may be nothing; doubled: most suspects are possible at most."""
+    likely_standard_errors: float = 3.0
+    """Standard errors. The size of a likely cause is at least as far from nothing. Set: convention, that of an
+    established cause. Halved: likely causes may be nothing; doubled: most suspects are possible at most."""
     max_rejections: int = 6
     """Rejections. Most bans in one validation; the model after the last one is tested again only if likely effects are
     dropped. Set: convention. Halved: more effects stay untested; doubled: slower."""

@@ -49,6 +49,8 @@ _DRIVEN = "Or {} acts in all logs: the others agree with that as well. The log w
 _UNSIZED = 1.0 / 3.0
 # Probability of a deviation, or of residuals, with which a log that was foreign does not return. Convention.
 _UNUSUAL = 0.05
+# Least scatter between logs of the logarithm of the unexplained torque: a few equal logs show a smaller one by chance.
+_SCATTER = 0.1
 # Deviation of the inertia, or of the drag, that a log which returns excludes by two standard errors. Decision.
 _EXCLUDED = 0.5
 # Largest relative standard error of a log that takes part in groups.
@@ -151,7 +153,8 @@ def belonging(log: str, plain: Sequence[Run], acting: Sequence[Run], vehicle: Ve
     plainly, others = (np.array([each.log_residual for each in logs.values()]) for logs in (old, new))
     if np.mean(others) > np.mean(plainly):
         return False  # The causes do not act in the other logs.
-    reach = stdtrit(len(others) - 1, 1.0 - _UNUSUAL) * np.std(others, ddof=1) * np.sqrt(1.0 + 1.0 / len(others))
+    scatter = max(np.std(others, ddof=1), _SCATTER)
+    reach = stdtrit(len(others) - 1, 1.0 - _UNUSUAL) * scatter * np.sqrt(1.0 + 1.0 / len(others))
     is_less = own.log_residual < first.log_residual + 0.5 * np.log(_LESS) and _is_less(own, first)
     is_same = own.chance > _UNUSUAL and np.min(np.abs(own.deviation) + 2.0 * own.standard_errors) < _EXCLUDED
     return bool(is_less and is_same and own.log_residual < np.mean(others) + reach)
