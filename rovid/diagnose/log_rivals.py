@@ -24,6 +24,7 @@ from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.formatting import plus_minus
 from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.candidate_fits import Challenger
+from rovid.diagnose.gyro_offset import without_gyro_offset
 from rovid.diagnose.objectives import preload
 from rovid.diagnose.result import Diagnosis, Finding, delays_of_the_sensor, is_delay
 from rovid.diagnose.returned_logs import with_returned_logs
@@ -205,6 +206,7 @@ def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback
 
     prepared, diagnosis, returned = with_returned_logs(prepared, vehicle, majority, report, budget)
     diagnosis = _by_one_clock(prepared, diagnosis, vehicle, majority, report)
+    diagnosis = without_gyro_offset(prepared, diagnosis, vehicle, report)
     return replace(diagnosis, faults=(*returned, *diagnosis.faults))
 
 

@@ -1,0 +1,90 @@
+"""Rival of causes where only a rate was measured: the offset of the gyro.
+
+A gyro whose readings are off by a constant shows a turn that no torque causes. A measured heading tells the offset.
+Otherwise a constant torque, or drag that differs between the two senses, may stand for it. The offset is
+fitted in place of such causes. If it is as likely, the causes are not established.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rovid.core.budget import ProgressCallback
+from rovid.core.errors import DataError
+from rovid.diagnose.result import Diagnosis
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.effects.base import Effect
+from rovid.estimate.maximum_likelihood import fit_likelihood
+from rovid.trial.preprocessing import PreparedRuns, prepare
+from rovid.trial.trial import Campaign, Trial
+from rovid.trial.vehicle import Vehicle
+
+# Effects with a mean turn of their own.
+_IMITATED = ("bias_torque", "drag_asymmetry")
+# Largest offset and its resolution, relative to the RMS rate of the logs. Convention: a larger offset is a fault that
+# every plot shows, and a finer one is below the errors of the drags.
+_LARGEST, _FINEST = 0.5, 0.002
+# Share of the probability of a cause that is its own: the logs do not distinguish it from the offset.
+_EVEN = 0.5
+
+
+def without_gyro_offset(
+    prepared: PreparedRuns, diagnosis: Diagnosis, vehicle: Vehicle, report: ProgressCallback
+) -> Diagnosis:
+    """The ``diagnosis``, in which no cause is established that an offset of the gyro explains as well."""
+    cause = next((cause for cause in diagnosis.causes if cause.effect.id in _IMITATED), None)
+    if cause is None or not prepared.rate_only:
+        return diagnosis
+    report("Testing an offset of the gyro …")
+    effects = tuple(dict.fromkeys(finding.effect for finding in (*diagnosis.findings, cause)))
+    remaining = tuple(effect for effect in effects if effect.id not in _IMITATED)
+    trials = [run.trial for run in prepared.items]
+    try:
+        best = fit_likelihood(prepared.items, vehicle, effects).log_likelihood
+        offset, likelihood = _fitted_offset(trials, prepared.cutoff, vehicle, remaining)
+    except DataError:
+        # Without the causes the logs determine nothing: the offset does not replace them.
+        return diagnosis
+    if likelihood < best - THRESHOLDS.tie_margin:
+        return diagnosis
+    findings = tuple(finding for finding in diagnosis.findings if finding is not cause)
+    suspects = tuple(suspect for suspect in diagnosis.suspects if suspect is not cause)
+    unit, factor = trials[0].axis.display_unit
+    text = (
+        f"Only a rate was measured. A sensor that is off by {factor * offset:.2g} {unit}/s explains these logs as well "
+        f"as {cause.effect.title}. Measure the {trials[0].axis.position_words}, or the rate of the vehicle ashore, to "
+        "tell which."
+    )
+    return replace(
+        diagnosis,
+        findings=findings,
+        suspects=(replace(cause, probability=_EVEN * cause.probability), *suspects),
+        verdict="found" if findings else "suspected",
+        warnings=(text, *diagnosis.warnings),
+    )
+
+
+def _fitted_offset(
+    trials: Sequence[Trial], cutoff: float, vehicle: Vehicle, effects: tuple[Effect, ...]
+) -> tuple[float, float]:
+    """The likeliest offset of the gyro in rad/s, and its log-likelihood with these ``effects``."""
+    from scipy.optimize import minimize_scalar
+
+    def likelihood(offset: float) -> float:
+        corrected = tuple(_corrected(trial, offset) for trial in trials)
+        runs = prepare(Campaign(trials=corrected, sources=()), vehicle, cutoff=cutoff)
+        return fit_likelihood(runs.items, vehicle, effects).log_likelihood
+
+    rates = np.concatenate([trial.rate for trial in trials if trial.rate is not None])
+    size = float(np.sqrt(np.nanmean(rates**2)))
+    bounds = (-_LARGEST * size, _LARGEST * size)
+    found = minimize_scalar(
+        lambda offset: -likelihood(offset), bounds=bounds, method="bounded", options={"xatol": _FINEST * size}
+    )
+    return float(found.x), -float(found.fun)
+
+
+def _corrected(trial: Trial, offset: float) -> Trial:
+    position = trial.position - offset * (trial.time - trial.time[0])
+    return replace(trial, rate=None if trial.rate is None else trial.rate - offset, position=position)
