@@ -34,6 +34,8 @@ _MOST_SUSPECTS = 3
 _FORMLESS = (
     "{} improves the prediction of held-out parts, but the base model is not exact here: its form is not established."
 )
+# A position comes from a vehicle at the surface, or from acoustics.
+_WIND = "If the vehicle was at the surface, a steady wind may act like the current: compare with the wind of that time."
 _DISAGREED = "Free-running simulations favour {}, the likelihood of the innovations {}: neither is established."
 # Probability that either of two criteria is right that name different causes. A decision.
 _ONE_OF_TWO = 0.5
@@ -90,8 +92,8 @@ def diagnose_planar(
         model = _agreeing(search, model, {one.effect.id for one in likelier})
     report("Validating on held-out parts …")
     gate = Gate(search, parts)
-    model, tested, messages = validated(search, gate, model)
-    return _result(gate, model, tested, messages, likelier)
+    model, tested, rejected = validated(search, gate, model)
+    return _result(gate, model, tested, rejected, likelier)
 
 
 def _searched(data: PlanarData, base: PlanarOptimum, budget: Budget) -> tuple[PlanarSearch, PlanarOptimum]:
@@ -141,19 +143,31 @@ def _too_short(data: PlanarData, parts: Parts, base: PlanarOptimum) -> str:
 
 
 def _result(
-    gate: Gate, model: PlanarOptimum, tested: Sequence[Finding], messages: Sequence[str], likelier: Sequence[Finding]
+    gate: Gate,
+    model: PlanarOptimum,
+    tested: Sequence[Finding],
+    rejected: Sequence[tuple[str, str]],
+    likelier: Sequence[Finding],
 ) -> PlanarDiagnosis:
-    """The result; ``likelier`` are the causes by the likelihood, where free-running simulations replaced it."""
+    """The result; ``rejected`` are ids of effects, and why they are not claimed.
+
+    ``likelier``: Causes by the likelihood, where free-running simulations replaced it.
+    """
     search, parts, data = gate.search, gate.parts, gate.search.data
     late = bool(search.budget.not_tried)
     # Where the base model is not exact, a coupling of another form may fit as well as the true one.
     formless = [one for one in tested if model.is_multi_step and isinstance(one.effect.acts, Coupling)]
-    messages = [*messages, *(_FORMLESS.format(one.effect.title) for one in formless)]
+    messages = [_FORMLESS.format(one.effect.title) for one in formless]
     apart, others = _contradicted(tested, likelier), " and ".join(one.effect.title for one in likelier)
     messages += [_DISAGREED.format(one.effect.title, others) for one in apart]
     sure = [one for one in tested if one.probability >= THRESHOLDS.established and one not in (*formless, *apart)]
     established, final, worse = gate.established(model, tested, [] if late else sure)
     messages += worse
+    # Another form of an established cause may have been rejected.
+    named = {one.effect.id for one in established}
+    messages = [*(text for effect, text in rejected if effect not in named), *messages]
+    if "current" in named and "north" in data.sensors:
+        messages.append(_WIND)
     search.budget.report("Fitting all readings …")
     fit = planar_result(data, refined(final, data))
     base_fit = fit if not search.causes(final) else planar_result(data, search.base)

@@ -153,9 +153,11 @@ def _rejection(fitted: PlanarOptimum, tested: Finding, growths: Mapping[str, flo
     return ""
 
 
-def validated(search: PlanarSearch, gate: Gate, model: PlanarOptimum) -> tuple[PlanarOptimum, list[Finding], list[str]]:
-    """The model with causes that pass the gate, the tests of them and of those that were likely at most, messages."""
-    messages: list[str] = []
+def validated(
+    search: PlanarSearch, gate: Gate, model: PlanarOptimum
+) -> tuple[PlanarOptimum, list[Finding], list[tuple[str, str]]]:
+    """The model with causes that pass the gate, their tests, and the id and a message for each rejection."""
+    messages: list[tuple[str, str]] = []
     for _ in range(THRESHOLDS.max_rejections):
         tested = [gate.tested(model, effect) for effect in search.causes(model)]
         tested.sort(key=lambda one: one[0].bic_gain)
@@ -163,12 +165,12 @@ def validated(search: PlanarSearch, gate: Gate, model: PlanarOptimum) -> tuple[P
         if failed is None:
             return model, [one for one, _ in tested], messages
         one, why = failed
-        messages.append(f"{one.effect.title} {why}: it is not claimed.")
+        messages.append((one.effect.id, f"{one.effect.title} {why}: it is not claimed."))
         search.banned.add(one.effect.key)
         rest = search.without(model, one.effect)
         model = rest if search.budget.is_late else search.challenged(search.run(search.polish(rest)))
     for effect in search.causes(model):
         if why := _rejection(model, *gate.tested(model, effect)):
-            messages.append(f"{effect.title} {why}: it is not claimed.")
+            messages.append((effect.id, f"{effect.title} {why}: it is not claimed."))
             model = search.polish(search.without(model, effect))
     return model, [gate.tested(model, effect)[0] for effect in search.causes(model)], messages
