@@ -3,7 +3,17 @@
 import math
 from dataclasses import replace
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, where_nonnegative
+from rovid.effects.base import (
+    REFERENCE_RATE,
+    Effect,
+    EffectParameter,
+    Instant,
+    Numbers,
+    Term,
+    Values,
+    compiled,
+    where_nonnegative,
+)
 
 
 @compiled
@@ -22,6 +32,22 @@ def _stiction(at: Instant, p: Numbers) -> float:
 def _unequal(at: Instant, p: Numbers) -> float:
     share = math.tanh(at.rate / (p[3] + 1e-150))
     return where_nonnegative(at.rate, -p[0] * share, -p[1] * share - p[2] * at.rate)
+
+
+# State: the deflection as a share of that at which the friction is complete (Dahl 1968).
+@compiled
+def _deflected(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
+    return -p[0] * x[0], (at.rate - abs(at.rate) * x[0]) / (p[1] + 1e-150)
+
+
+def _fastest(values: Values) -> float:
+    """Rate at twice the reference rate."""
+    return 2.0 * REFERENCE_RATE / values["angle"]
+
+
+def _unknown_start(values: Values, rate: float, acceleration: float) -> tuple[float, ...]:
+    """The friction may be complete to either side."""
+    return (1.0,)
 
 
 _TORQUE = EffectParameter(
@@ -73,5 +99,18 @@ FORMS: tuple[Effect, ...] = (
         experiment="coast-downs to rest and the slowest possible holds, both ways",
         rivals=("drag_asymmetry", "bias_torque", "thrust_asymmetry"),
         acts=Term(_unequal),
+    ),
+    replace(
+        EFFECT,
+        form="presliding",
+        parameters=(
+            _TORQUE,
+            EffectParameter(name="angle", unit="rad", neutral=1.0, low=0.02, high=6.0, initial_values=(0.15, 0.8)),
+        ),
+        equation="− c·w, θ0·dw/dt = r − |r|·w: a friction that first stretches the tether by the angle θ0",
+        fingerprint="a torque that holds against small turns, and after a reversal grows with the angle turned",
+        experiment="small turns to and fro, and slow holds to both sides",
+        rivals=("drag_curvature", "sideslip_moment", "entrained_swirl"),
+        acts=Term(_deflected, states=1, fastest=_fastest, unknown_start=_unknown_start),
     ),
 )

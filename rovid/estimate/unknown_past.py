@@ -164,15 +164,15 @@ class UnknownPasts:
 
 
 def water_warning(model: Model, data: FitData) -> list[str]:
-    """Warning that simulations start the water at rest in runs that begin in motion; empty where none does."""
+    """Warning that simulations start water and tether at rest in runs that begin in motion; empty where none does."""
     names = [run.trial.name for run in data.driven_runs if run.trial.past is not None]
     if not names or all(term.unknown_start is None for term, _ in term_values(model.terms)):
         return []
     more = f" and of {len(names) - 1} more" if len(names) > 1 else ""
     allowed = "" if data.means_only else "The parameters allow for this. "
     text = (
-        f"The water may already move at the start of {names[0]}{more}. {allowed}Simulations and multi-step predictions "
-        "start with the water at rest, and their first errors may be too large there."
+        f"The water may already move, or the tether be stretched, at the start of {names[0]}{more}. {allowed}"
+        "Simulations and multi-step predictions start with both at rest, and their first errors may be too large there."
     )
     return [text]
 

@@ -533,6 +533,15 @@ def test_friction_stops_a_coasting_vehicle() -> None:
         assert abs(rate[-1]) < 1e-3
 
 
+def test_friction_that_stretches_grows_with_the_angle_turned() -> None:
+    effect, numbers = effect_named("coulomb_resistance:presliding"), np.array([15.0, 0.2])
+    share, turned = 0.0, 0.0
+    for _ in range(2000):
+        torque, change = term(effect, numbers, 0.1, 0.0, np.array([share, 0.0]))[:2]
+        assert torque == pytest.approx(-15.0 * (1.0 - math.exp(-turned / 0.2)), abs=0.01)
+        share, turned = share + 0.005 * change[0], turned + 0.005 * 0.1
+
+
 def test_a_tank_oscillates_at_its_frequency_and_decays() -> None:
     push = np.where(TIME < 1.0, 100.0, 0.0)
     plain = simulated(effect_named("bias_torque"), np.zeros(1), push)

@@ -226,5 +226,5 @@ def test_simulations_from_resting_water_are_told() -> None:
         objective.parametrization.model(x) for objective, x in (at(given, SWIRL, 0.1, 10.0), at(given, LAG, 1.0))
     )
     (words,) = water_warning(swirl, given)
-    assert words.startswith(f"The water may already move at the start of {names[0]}")
+    assert words.startswith(f"The water may already move, or the tether be stretched, at the start of {names[0]}")
     assert water_warning(lag, given) == []
