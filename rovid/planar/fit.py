@@ -325,6 +325,11 @@ def _warnings(
         way, moved = ("late", "back") if late > 0.0 else ("early", "forward")
         yield f"The readings of {name} are {significant(abs(late), 2)} s {way}; the fit moves them {moved}."
     multi_step = best.is_multi_step
+    if best.likelihood.grid.yaw_only:
+        yield (
+            "These runs turn the vehicle alone. Its hull sways freely in a turn: yaw.inertia is I less the square of "
+            "sway_yaw.inertia over sway.inertia, about a percent."
+        )
     if SHIP in {effect.key for effect in best.effects}:
         yield SHIP_WARNING
     looser = (

@@ -198,7 +198,9 @@ def free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool = False)
     if not measured:
         return {}
     whole, rest = np.concatenate(measured), np.concatenate(measured) - np.concatenate(simulated)
-    known = measured_axes(data.sensors)
+    known = [
+        on and (not yaw_only or name == "yaw") for name, on in zip(AXIS_NAMES, measured_axes(data.sensors), strict=True)
+    ]
     return {name: r_squared(whole[:, at], rest[:, at]) for at, name in enumerate(AXIS_NAMES) if known[at]}
 
 
