@@ -117,6 +117,8 @@ def _test_flow(trial: Trial, effort: FloatArray) -> Feedback | None:
         # Equal intervals, none shorter than most of those between readings.
         time = np.arange(measured[0], measured[-1], max(_INTERVAL, sent, most))
         position = np.interp(time, measured, trial.position[known])
+    if len(time) <= _MIN_SAMPLES:
+        return None
     rate = np.diff(position) / np.diff(time)
     command = held_mean(trial.time, effort, time)
     if not np.ptp(command) > 0.0:
