@@ -111,8 +111,8 @@ def test_unsuitable_logs_are_not_tested() -> None:
     assert detect_feedback([held, unknown, short, still], LOGGED) == []
 
 
-def test_two_commands_far_apart_are_no_stream() -> None:
-    time = synthetic.clock(20.0)
-    torque = np.where(time > 2.0, 1.0, 0.0) + np.where(time > 17.0, 1.5, 0.0)
-    heading = np.where(np.arange(len(time)) % 5 == 0, 0.01 * time, np.nan)
+def test_commands_further_apart_than_the_readings_are_no_stream() -> None:
+    time = synthetic.clock(40.0)
+    torque = np.where(time > 2.0, 1.0, 0.0) + np.where(time > 37.0, 1.5, 0.0)
+    heading = np.where(time < 20.0, 0.01 * time, np.nan)
     assert detect_feedback([synthetic.trial(time, torque, heading)], LOGGED) == []
