@@ -85,10 +85,9 @@ class Finding:
         """Evidence for the cause; of several indistinguishable ones, none is confirmed.
 
         A cause is possible at most if another one in its place gains more, and was rejected for another reason. So is a
-        size of its own in each trial, which describes the logs: no law relates the sizes to a load or to the time.
+        size of its own in single trials, which describes the logs: no law relates the sizes to a load or to the time.
         """
-        has_no_law = len(trials_in_form(self.effect.form)) > 1
-        if has_no_law or any(other.bic_gain > self.bic_gain for other in self.alternatives):
+        if trials_in_form(self.effect.form) or any(other.bic_gain > self.bic_gain for other in self.alternatives):
             return Evidence.POSSIBLE
         return grade(
             self.probability,
