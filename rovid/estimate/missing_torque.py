@@ -90,16 +90,13 @@ def include_missing_torque(estimate: Estimate, fitted: FitResult) -> Estimate:
     if not reach:
         return wider
     other = "sway" if estimate.axis.name == "yaw" else "motion along another axis"
-    example, likeliest = f"{other} that follows the motion is not modelled", max(_hypotheses(fitted), key=_gain)
-    if likeliest.kinds == {IMBALANCE.id}:
+    example = f"{other} that follows the motion is not modelled"
+    if max(_hypotheses(fitted), key=lambda one: one.gain).kinds == {IMBALANCE.id}:
         example = "one thruster gives less thrust than its curve"
-    missing = (
+    warning = (
         "The model lacks a torque: the errors of its predictions depend on the motion or on the commands. For instance "
-        f"{example}."
+        f"{example}. This may change {', '.join(reach)}. The standard errors include it."
     )
-    if likeliest.gain <= 0.0:
-        missing = "One thruster may give a little less thrust than its curve: these logs hardly show it."
-    warning = f"{missing} This may change {', '.join(reach)}. The standard errors include it."
     return replace(wider, warnings=(*wider.warnings, warning))
 
 
@@ -111,20 +108,17 @@ def missing_torque_covariance(fitted: FitResult) -> FloatArray:
     what the torques, given their scores, change. If the scores do not show torques of all kinds, they may show those of
     one kind alone: the covariance is then that of the likeliest one. Other laws of the model's own effects replace the
     torques of all kinds where the laws are likelier. The gains of the thrusters add their covariance, with their share
-    of the likelihood: all runs that drive the thrusters alike agree on wrong parameters. That share needs no least
-    gain, because few thrusters have exactly the thrust of their curve.
+    of the likelihood: all runs that drive the thrusters alike agree on wrong parameters.
     """
     first, *alone = _hypotheses(fitted)
     own = {effect.id for effect in fitted.effects} if fitted.is_white else set()
     rivals = [one for one in alone if first.gain <= 0.0 or one.kinds <= own]
-    likeliest = max((first, *rivals), key=_gain)
+    likeliest = max((first, *rivals), key=lambda one: one.gain)
     covariance = likeliest.covariance if likeliest.gain > 0.0 else np.zeros_like(likeliest.covariance)
-    least = _LEAST_GAIN if fitted.is_white else 0.0
     for one in alone:
-        if one.kinds == {IMBALANCE.id} and (one is not likeliest or one.gain <= 0.0):
-            others = likeliest.gain + least if likeliest.gain > 0.0 else 0.0
-            share = np.exp(one.gain + least - np.logaddexp(others, one.gain + least))
-            covariance = covariance + share * one.covariance
+        if one is not likeliest and one.kinds == {IMBALANCE.id} and one.gain > 0.0:
+            total = np.logaddexp(max(likeliest.gain, 0.0), one.gain)
+            covariance = covariance + np.exp(one.gain - total) * one.covariance
     return covariance
 
 
@@ -161,10 +155,6 @@ class _LackingTorques(NamedTuple):
         mean = shift[:, known] @ (spread[known] * score)
         covariance = np.outer(mean, mean) + (shift * spread) @ shift.T
         return cls(float(likelihoods[best]) - complete - least, covariance, frozenset(found.kinds))
-
-
-def _gain(one: _LackingTorques) -> float:
-    return one.gain
 
 
 def _hypotheses(fitted: FitResult, *, white: bool | None = None) -> Iterator[_LackingTorques]:

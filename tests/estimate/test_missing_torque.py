@@ -31,15 +31,14 @@ def fitted(runs: list[Run], *effects: Effect) -> FitResult:
     return fit(objective, objective.parametrization.initial())
 
 
-def steered(count: int, alone: int, gain: float, disturbance: float = 0.0) -> FitResult:
+def steered(count: int, alone: int, gain: float) -> FitResult:
     """Two thrusters driven alike, and for the last ``alone`` readings in turns; the second has this ``gain``."""
     thrusters = tuple(Thruster(name=name, arm=0.5, curve=synthetic.VOLTS) for name in ("a", "b"))
     command = np.tile(TORQUE[:count, np.newaxis] / 100.0, (1, 2))
     turn = np.arange(count) // 250 % 2 == 0
     command[-alone:] *= np.stack((turn, ~turn), axis=1)[-alone:]
     torque = 50.0 * command @ np.array([1.0, gain])
-    eddies = synthetic.gauss_markov(count, 0.2, disturbance, 10.0, np.random.default_rng(7))
-    run = synthetic.run(TIME[:count], torque, disturbance=eddies, noise=NOISE[:count])
+    run = synthetic.run(TIME[:count], torque, noise=NOISE[:count])
     assumed = 50.0 * command.sum(axis=1)
     run = replace(
         run,
@@ -132,22 +131,18 @@ def test_a_complete_model_keeps_its_errors() -> None:
     assert (include_missing_torque(estimate, one).covariance == estimate.covariance).all()
 
 
-@pytest.mark.parametrize(("gain", "disturbance"), [(1.0, 0.0), (0.7, 0.0), (0.96, 5.0)])
-def test_errors_cover_a_weak_thruster_that_is_rarely_alone(gain: float, disturbance: float) -> None:
-    one = steered(4000, 300 if disturbance else 1000, gain, disturbance)
+@pytest.mark.parametrize("gain", [1.0, 0.7])
+def test_errors_cover_a_weak_thruster_that_is_rarely_alone(gain: float) -> None:
+    one = steered(4000, 1000, gain)
     estimate = estimate_of(one)
     wider = include_missing_torque(estimate, one)
     away = abs(estimate.value("inertia") - synthetic.ROSUB.inertia)
     assert away < 2.0 * wider.standard_error("inertia")
     if gain == 1.0:
-        # The gains have a small share of the likelihood, and a small variance.
-        assert wider.covariance == pytest.approx(estimate.covariance, rel=0.05)
-        assert not wider.warnings
+        assert (wider.covariance == estimate.covariance).all()
     else:
         assert away > 4.0 * estimate.standard_error("inertia")
-        (text,) = wider.warnings
-        # In a disturbance of that size, such a loss is not certain.
-        assert ("may give a little less thrust" if disturbance else "For instance one thruster") in text
+        assert any("one thruster gives less thrust than its curve" in text for text in wider.warnings)
 
 
 def test_errors_cover_the_drag_next_to_a_friction_of_another_law() -> None:

@@ -19,7 +19,7 @@ def test_a_run_is_whole_and_the_same_again(kind: str) -> None:
 
 
 def test_a_zigzag_by_heading_turns_at_its_heading() -> None:
-    run = steered("zigzag by heading", 3)
+    run = steered("zigzag by heading", 4)
     at = np.flatnonzero(np.diff(run.torque))[1:]
     senses = np.sign(run.torque[at])
     places = [run.heading[at][senses == sense] for sense in (1.0, -1.0)]
