@@ -2,7 +2,7 @@
 
 A gyro whose readings are off by a constant shows a turn that no torque causes. A measured heading tells the offset.
 Otherwise a constant torque, or drag that differs between the two senses, may stand for it. The offset is
-fitted in place of such causes. If it is as likely, the causes are not established.
+fitted in place of such causes. If it is as likely, they are not established.
 """
 
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.core.budget import ProgressCallback
+from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
-from rovid.diagnose.result import Diagnosis
+from rovid.diagnose.result import Diagnosis, doubted
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.base import Effect
 from rovid.estimate.maximum_likelihood import fit_likelihood
@@ -25,44 +25,36 @@ _IMITATED = ("bias_torque", "drag_asymmetry")
 # Largest offset and its resolution, relative to the RMS rate of the logs. Convention: a larger offset is a fault that
 # every plot shows, and a finer one is below the errors of the drags.
 _LARGEST, _FINEST = 0.5, 0.002
-# Share of the probability of a cause that is its own: the logs do not distinguish it from the offset.
-_EVEN = 0.5
 
 
 def without_gyro_offset(
-    prepared: PreparedRuns, diagnosis: Diagnosis, vehicle: Vehicle, report: ProgressCallback
+    prepared: PreparedRuns, diagnosis: Diagnosis, vehicle: Vehicle, report: ProgressCallback, budget: Budget
 ) -> Diagnosis:
     """The ``diagnosis``, in which no cause is established that an offset of the gyro explains as well."""
-    cause = next((cause for cause in diagnosis.causes if cause.effect.id in _IMITATED), None)
-    if cause is None or not prepared.rate_only:
+    imitated = [cause for cause in diagnosis.causes if cause.effect.id in _IMITATED]
+    causes = [cause for cause in imitated if cause in diagnosis.findings] or imitated[:1]
+    if not causes or not prepared.rate_only or budget.skips("offset of the gyro"):
         return diagnosis
     report("Testing an offset of the gyro …")
-    effects = tuple(dict.fromkeys(finding.effect for finding in (*diagnosis.findings, cause)))
-    remaining = tuple(effect for effect in effects if effect.id not in _IMITATED)
+    others = tuple(finding.effect for finding in diagnosis.findings if finding not in causes)
     trials = [run.trial for run in prepared.items]
     try:
-        best = fit_likelihood(prepared.items, vehicle, effects).log_likelihood
-        offset, likelihood = _fitted_offset(trials, prepared.cutoff, vehicle, remaining)
+        best = fit_likelihood(prepared.items, vehicle, (*others, *(cause.effect for cause in causes))).log_likelihood
+        offset, likelihood = _fitted_offset(trials, prepared.cutoff, vehicle, others)
     except DataError:
         # Without the causes the logs determine nothing: the offset does not replace them.
         return diagnosis
     if likelihood < best - THRESHOLDS.tie_margin:
         return diagnosis
-    findings = tuple(finding for finding in diagnosis.findings if finding is not cause)
-    suspects = tuple(suspect for suspect in diagnosis.suspects if suspect is not cause)
+    for cause in causes:
+        diagnosis = doubted(diagnosis, cause)
     unit, factor = trials[0].axis.display_unit
+    titles = " and ".join(cause.effect.title for cause in causes)
     text = (
         f"Only a rate was measured. A sensor that is off by {factor * offset:.2g} {unit}/s explains these logs as well "
-        f"as {cause.effect.title}. Measure the {trials[0].axis.position_words}, or the rate of the vehicle ashore, to "
-        "tell which."
+        f"as {titles}. Measure the {trials[0].axis.position_words}, or the rate of the vehicle ashore, to tell which."
     )
-    return replace(
-        diagnosis,
-        findings=findings,
-        suspects=(replace(cause, probability=_EVEN * cause.probability), *suspects),
-        verdict="found" if findings else "suspected",
-        warnings=(text, *diagnosis.warnings),
-    )
+    return replace(diagnosis, warnings=(text, *diagnosis.warnings))
 
 
 def _fitted_offset(

@@ -1,4 +1,4 @@
-"""Rivals of the causes of a diagnosis: the clock, a foreign log, and the coupled model.
+"""Rivals of the causes of a diagnosis: the clock, a foreign log, an offset of the gyro, and the coupled model.
 
 The clock of a joined file may be late, and a logger may write a command at the end of the interval in which it acted.
 `rovid.diagnose.objectives.pose` adds the clock offset to the candidates. Where the offset is established, the commands
@@ -26,7 +26,7 @@ from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.gyro_offset import without_gyro_offset
 from rovid.diagnose.objectives import preload
-from rovid.diagnose.result import Diagnosis, Finding, delays_of_the_sensor, is_delay
+from rovid.diagnose.result import EVEN, Diagnosis, Finding, delays_of_the_sensor, doubted, is_delay
 from rovid.diagnose.returned_logs import with_returned_logs
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.actuator_inputs import SPEEDS
@@ -52,8 +52,6 @@ _OF_MOTION = ("sideslip_moment", "speed_dependent_damping")
 # Effects that slow motion along sway may imitate; they count next to one of the former alone.
 _IMITATED = ("wave_torque", "heading_dependent_torque")
 _POSITIONS = {"north", "east"}
-# Share of the probability of a cause that is its own: the logs distinguish it from no clock offset, and no foreign log.
-_EVEN = 0.5
 # s; a longer delay of the drive is unlikely: bus, radio and controller take a tenth of it. Decision.
 _LONG_DELAY = 0.5
 # Standard errors by which a delay exceeds the lateness of the stamps, if it is the drive's own. Convention.
@@ -68,27 +66,26 @@ def diagnose_majority(
     diagnosis = diagnose(prepared, vehicle, report, budget)
     names = tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in prepared.items))
     payload = minority_payload(prepared.items, vehicle) if diagnosis.findings else ()
-    doubted = [(finding, logs) for finding in diagnosis.findings if (logs := payload or few_logs(finding, len(names)))]
-    if not doubted:
+    odd = [(finding, logs) for finding in diagnosis.findings if (logs := payload or few_logs(finding, len(names)))]
+    if not odd:
         return diagnosis
     remaining, remedy = diagnosis, "none"
-    few = dict.fromkeys(name for _, logs in doubted for name in logs)
+    few = dict.fromkeys(name for _, logs in odd for name in logs)
     is_minority = bool(payload) or (len(names) >= _MIN_LOGS and 2 * len(few) < len(names))
     if is_minority and not (budget and budget.skips("foreign_log")):
         report(f"Repeating the diagnosis without {' and '.join(few)} …")
         kept = tuple(run for run in prepared.items if not {run.trial.parent, run.trial.name} & few.keys())
         others = diagnose(replace(prepared, items=kept), vehicle, report, budget)
         shown = {finding.effect.id for finding in others.findings}
-        doubted = [(finding, logs) for finding, logs in doubted if finding.effect.id not in shown]
-        if (doubted or payload) and others.verdict != "too_little_data":
+        odd = [(finding, logs) for finding, logs in odd if finding.effect.id not in shown]
+        if (odd or payload) and others.verdict != "too_little_data":
             remaining, remedy = others, "set_aside"
-    if not doubted and remaining is diagnosis:
+    if not odd and remaining is diagnosis:
         return diagnosis
-    for finding, _ in doubted:
-        findings = tuple(one for one in remaining.findings if one is not finding)
-        remaining = _with_suspect(replace(remaining, findings=findings), finding)
+    for finding, _ in odd:
+        remaining = doubted(remaining, finding)
     # The faults of the logs contain two payloads already.
-    faults = () if payload else tuple(_foreign_fault(finding, logs, remedy) for finding, logs in doubted)
+    faults = () if payload else tuple(_foreign_fault(finding, logs, remedy) for finding, logs in odd)
     warnings = remaining.warnings
     if payload and remedy == "set_aside":
         warnings = (f"The diagnosis is of one payload alone: it leaves out {named(payload)}.", *warnings)
@@ -134,14 +131,6 @@ def _differences(sizes: FloatArray, covariance: FloatArray, rows: Sequence[int])
     return float(differences @ np.linalg.pinv(among, rcond=1e-12, hermitian=True) @ differences)
 
 
-def _with_suspect(diagnosis: Diagnosis, finding: Finding) -> Diagnosis:
-    """``diagnosis`` with the ``finding`` as its first suspect, next to foreign logs."""
-    suspect = replace(finding, probability=_EVEN * finding.probability)
-    verdict = "found" if diagnosis.findings else "suspected"
-    suspects = (suspect, *(one for one in diagnosis.suspects if one.effect.id != finding.effect.id))
-    return replace(diagnosis, verdict=verdict, suspects=suspects)
-
-
 def _foreign_fault(finding: Finding, logs: tuple[str, ...], remedy: str) -> Fault:
     belong = "does not belong" if len(logs) == 1 else "do not belong"
     done = "It was set aside." if len(logs) == 1 else "They were set aside."
@@ -153,7 +142,7 @@ def _foreign_fault(finding: Finding, logs: tuple[str, ...], remedy: str) -> Faul
         fault="foreign_log",
         logs=logs,
         text=text,
-        confidence=_EVEN * finding.probability,
+        confidence=EVEN * finding.probability,
         remedy="set_aside" if remedy == "set_aside" else "none",
     )
 
@@ -206,7 +195,7 @@ def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback
 
     prepared, diagnosis, returned = with_returned_logs(prepared, vehicle, majority, report, budget)
     diagnosis = _by_one_clock(prepared, diagnosis, vehicle, majority, report)
-    diagnosis = without_gyro_offset(prepared, diagnosis, vehicle, report)
+    diagnosis = without_gyro_offset(prepared, diagnosis, vehicle, report, budget)
     return replace(diagnosis, faults=(*returned, *diagnosis.faults))
 
 
@@ -264,7 +253,7 @@ def _without_offset(
     ]:
         findings.remove(delay)
         rivals = (*delay.indistinguishable, CLOCKS_APART)
-        suspects.insert(0, replace(delay, indistinguishable=rivals, probability=_EVEN * delay.probability))
+        suspects.insert(0, replace(delay, indistinguishable=rivals, probability=EVEN * delay.probability))
         faults.append(_delay_fault(delay, runs))
         # The offset explains the logs exactly as the delay does, at the same price.
         challenger = Challenger((*(finding.effect for finding in findings), CLOCKS_APART), 0.0, 0.0)
@@ -322,7 +311,7 @@ def _delay_fault(delay: Finding, runs: Sequence[Run]) -> Fault:
         size=size,
         standard_error=error,
         unit="s",
-        confidence=_EVEN * delay.probability,
+        confidence=EVEN * delay.probability,
         text=text,
     )
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rovid.core.budget import BudgetUse
@@ -48,6 +48,10 @@ DISCRIMINATING_RUNS = {
     frozenset({"restoring_curve", "drag_curvature"}): "releases from a large and from a small tilt",
     frozenset({"drag_curvature", "supply_sag"}): "coast-downs and holds, with the supply's voltage in the log",
 }
+
+
+# Share of the probability of a cause that is its own, where the logs do not distinguish it from something else.
+EVEN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,6 +182,15 @@ class Diagnosis(Conclusion):
     def detectable_sizes(self) -> dict[str, float]:
         """Effect id -> smallest detectable size, of the effects that were not found."""
         return {effect.id: size for effect, size in self.detectable}
+
+
+def doubted(diagnosis: Diagnosis, finding: Finding) -> Diagnosis:
+    """The ``diagnosis`` with a ``finding`` as its first suspect: something else explains the logs as well."""
+    findings = tuple(one for one in diagnosis.findings if one is not finding)
+    suspects = (one for one in diagnosis.suspects if one.effect.id != finding.effect.id)
+    suspect = replace(finding, probability=EVEN * finding.probability)
+    verdict = "found" if findings else "suspected"
+    return replace(diagnosis, verdict=verdict, findings=findings, suspects=(suspect, *suspects))
 
 
 def not_identifiable(vehicle: Vehicle, diagnosis: Diagnosis | None = None) -> dict[str, str]:

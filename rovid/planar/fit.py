@@ -327,8 +327,8 @@ def _warnings(
     multi_step = best.is_multi_step
     if best.likelihood.grid.yaw_only:
         yield (
-            "These runs turn the vehicle alone. Its hull sways freely in a turn: yaw.inertia is I less the square of "
-            "sway_yaw.inertia over sway.inertia, about a percent."
+            "These runs turn the vehicle alone. Its hull sways freely in a turn: yaw.inertia is smaller than I by the "
+            "square of sway_yaw.inertia over sway.inertia, which these runs do not determine."
         )
     if SHIP in {effect.key for effect in best.effects}:
         yield SHIP_WARNING

@@ -42,8 +42,9 @@ _WINDOWS = ((1, 1), (2, 2), (3, 4), (5, 8), (9, 16), (17, 32), (33, 64), (65, 12
 # Flow, commands at a slow clock: share of the levels that differ, their number that is always enough, minimum number of
 # rows.
 _LEVELS, _MANY_LEVELS, _MIN_SLOW = 0.3, 30, 240
-# Flow: spacing of rows that most do not exceed, relative to the median, above which rows are irregular.
-_IRREGULAR = 1.3
+# Flow: spacing of rows that most do not exceed, relative to the median, above which rows are irregular. Least share of
+# the changes in rows that change several times in succession.
+_IRREGULAR, _COVERED = 1.3, 0.6
 # Flow: number of shifts for the calibration, shortest shift in rows, and minimum share of the variance of the changes.
 _SHIFTS, _MIN_SHIFT, _MIN_SHARE = 99, 40, 0.05
 # Steps: minimum size as a share of the range, sampling intervals within which all thrusters change, minimum number,
@@ -82,9 +83,10 @@ def detect_feedback(trials: Sequence[Trial], vehicle: Vehicle) -> list[Feedback]
         effort = np.asarray(trial.commands @ np.array(gains))
         # A missing command makes the range NaN, and this condition false.
         if np.ptp(effort) > 0.0 and trial.measured.sum() >= _MIN_SAMPLES:
-            flow = _test_flow(trial, effort)
-            stream = flow is not None or _command_interval(trial, effort) > 0.0
-            steps = None if stream else _test_steps(trial, effort)
+            sent = _command_interval(trial, effort)
+            flow = _test_flow(trial, effort, sent)
+            # A stream of commands has no steps, also if it is too short for a test.
+            steps = None if flow is not None or sent > 0.0 else _test_steps(trial, effort)
             for result in (flow, steps, _test_reversals(trial, effort)):
                 if result is not None:
                     results.setdefault(result.seen_in, []).append(result)
@@ -106,10 +108,11 @@ def _combined(results: Sequence[Feedback]) -> list[Feedback]:
 # ---- commands that change continuously
 
 
-def _test_flow(trial: Trial, effort: FloatArray) -> Feedback | None:
+def _test_flow(trial: Trial, effort: FloatArray, sent: float) -> Feedback | None:
+    """The test of a stream of commands; ``sent``: s, their interval by `_command_interval`."""
     known = np.flatnonzero(trial.measured)
     measured, spacing = trial.time[known], np.diff(trial.time[known])
-    sent, most = _command_interval(trial, effort), float(np.percentile(spacing, 90.0))
+    most = float(np.percentile(spacing, 90.0))
     stride = max(round(max(_INTERVAL, sent) / trial.sampling_interval), len(known) // _MAX_ROWS + 1)
     time, position = measured[::stride], trial.position[known[::stride]]
     irregular = most > _IRREGULAR * float(np.median(spacing))
@@ -130,7 +133,7 @@ def _test_flow(trial: Trial, effort: FloatArray) -> Feedback | None:
     for first, last in zip(*np.searchsorted(time, (measured[gaps], measured[gaps + 1])), strict=True):
         rows[max(first - 1, 0) : last + _WARM_UP] = False
     changes = np.abs(np.diff(command, prepend=command[0]))
-    if rows.sum() < (_MIN_SLOW if sent > _INTERVAL else _MIN_SAMPLES) or changes[rows].sum() < _MOSTLY * changes.sum():
+    if rows.sum() < (_MIN_SLOW if sent > _INTERVAL else _MIN_SAMPLES) or changes[rows].sum() < _COVERED * changes.sum():
         return None
     # The motion depends on when within an interval the command changed: the last two commands are regressors too.
     last = np.maximum(np.searchsorted(trial.time, time[:-1] - 0.01 * trial.sampling_interval) - 1, 1)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rovid.core.budget import Budget
 from rovid.diagnose.gyro_offset import without_gyro_offset
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import effect_named
@@ -35,7 +36,7 @@ def rate_alone(seed: int, *, offset: float, torque: float) -> PreparedRuns:
 @pytest.mark.parametrize("seed", [1, slow(2)])
 def test_an_offset_of_the_gyro_is_no_torque(seed: int) -> None:
     found = Diagnosis(verdict="found", findings=(BIAS,))
-    left = without_gyro_offset(rate_alone(seed, offset=0.02, torque=0.0), found, LOGGED, lambda _: None)
+    left = without_gyro_offset(rate_alone(seed, offset=0.02, torque=0.0), found, LOGGED, lambda _: None, Budget())
     assert (left.verdict, left.findings, [one.effect.id for one in left.suspects]) == ("suspected", (), ["bias_torque"])
     assert left.suspects[0].probability == pytest.approx(0.5 * BIAS.probability)
     (said,) = left.warnings
@@ -46,5 +47,11 @@ def test_an_offset_of_the_gyro_is_no_torque(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, slow(2)])
 def test_a_torque_is_no_offset_of_the_gyro(seed: int) -> None:
     found = Diagnosis(verdict="found", findings=(BIAS,))
-    left = without_gyro_offset(rate_alone(seed, offset=0.0, torque=0.05), found, LOGGED, lambda _: None)
+    left = without_gyro_offset(rate_alone(seed, offset=0.0, torque=0.05), found, LOGGED, lambda _: None, Budget())
     assert left is found
+
+
+def test_without_time_the_offset_is_said_to_be_untried() -> None:
+    found, budget = Diagnosis(verdict="found", findings=(BIAS,)), Budget(0.0)
+    assert without_gyro_offset(rate_alone(1, offset=0.02, torque=0.0), found, LOGGED, lambda _: None, budget) is found
+    assert budget.not_tried
