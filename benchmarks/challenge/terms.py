@@ -297,24 +297,24 @@ def kalman(
     size, memory, noise = noises
     n = len(heading)
     out = np.empty(n)
-    x = np.array([heading[0], 0.0, 0.0])
-    p = np.diag(np.array([noise**2, 1e-4 * scale**2, size**2]))
+    psi, r, missing = heading[0], 0.0, 0.0
+    p00, p01, p02, p11, p12, p22 = noise**2, 0.0, 0.0, 1e-4 * scale**2, 0.0, size**2
     keep = np.exp(-step / memory)
     total = 0.0
     for k in range(n):
         if filtering and np.isfinite(heading[k]):
-            s = p[0, 0] + noise**2
-            e = heading[k] - x[0]
+            s = p00 + noise**2
+            e = heading[k] - psi
             total += 0.5 * (np.log(2.0 * np.pi * s) + e * e / s)
-            gain = p[:, 0] / s
-            x = x + gain * e
-            p = p - np.outer(gain, p[0, :])
-        out[k] = x[0]
-        spent = max(1, int(np.ceil(step * (2.0 * quadratic * abs(x[1]) + linear) / inertia / 0.2)))
+            g0, g1, g2 = p00 / s, p01 / s, p02 / s
+            psi, r, missing = psi + g0 * e, r + g1 * e, missing + g2 * e
+            p22, p12, p11 = p22 - g2 * p02, p12 - g1 * p02, p11 - g1 * p01
+            p02, p01, p00 = p02 - g0 * p02, p01 - g0 * p01, p00 - g0 * p00
+        out[k] = psi
+        spent = max(1, int(np.ceil(step * (2.0 * quadratic * abs(r) + linear) / inertia / 0.2)))
         h = step / spent
         slope = 0.0
         for _ in range(spent):
-            r, psi = x[1], x[0]
             turned = psi - out[0]
             sign = np.tanh(r / scale)
             extra = (
@@ -325,21 +325,23 @@ def kalman(
                 -2.0 * quadratic * abs(r) - linear + b[k] - w[0] * (1.0 - sign**2) / scale - 3.0 * w[1] * r**2
                 - 2.0 * w[2] * r
             ) / inertia  # fmt: skip
-            push = (torque[k] + x[2] + extra - quadratic * abs(r) * r - linear * r) / inertia
+            push = (torque[k] + missing + extra - quadratic * abs(r) * r - linear * r) / inertia
             push = min(max(push, -1e6), 1e6)
             # Exact for the linearised rate.
             z = min(max(slope * h, -50.0), 5.0)
             factor = (np.exp(z) - 1.0) / z if abs(z) > 1e-6 else 1.0
-            x[0] += h * (r + 0.5 * h * push)
-            x[1] = min(max(r + h * push * factor, -1e3), 1e3)
+            psi += h * (r + 0.5 * h * push)
+            r = min(max(r + h * push * factor, -1e3), 1e3)
         z = min(max(slope * step, -50.0), 5.0)
-        f = np.eye(3)
-        f[1, 1] = np.exp(z)
-        f[0, 1] = step * 0.5 * (1.0 + f[1, 1])
-        f[1, 2] = step / inertia * 0.5 * (1.0 + f[1, 1])
-        f[0, 2] = 0.5 * step * f[1, 2]
-        f[2, 2] = keep
-        x[2] *= keep
-        p = f @ p @ f.T
-        p[2, 2] += size**2 * (1.0 - keep**2)
+        # Transition [[1, f01, f02], [0, f11, f12], [0, 0, keep]] of the covariance.
+        f11 = np.exp(z)
+        f01 = step * 0.5 * (1.0 + f11)
+        f12 = step / inertia * 0.5 * (1.0 + f11)
+        f02 = 0.5 * step * f12
+        missing *= keep
+        c00, c01, c02 = p00 + f01 * p01 + f02 * p02, p01 + f01 * p11 + f02 * p12, p02 + f01 * p12 + f02 * p22
+        c11, c12 = f11 * p11 + f12 * p12, f11 * p12 + f12 * p22
+        p00, p01, p02 = c00 + f01 * c01 + f02 * c02, f11 * c01 + f12 * c02, keep * c02
+        p11, p12 = f11 * c11 + f12 * c12, keep * c12
+        p22 = keep**2 * p22 + size**2 * (1.0 - keep**2)
     return total, out
