@@ -44,6 +44,8 @@ _NOT_AHEAD = (
 )
 # Symbols of the speed ahead; a supply voltage with such a name stays above this share of its largest value.
 _SYMBOLS, _STANDSTILL = {"u", "v"}, 0.2
+# Rank of a speed by its name.
+_NAMED = 3
 # Largest steering angle, deg, and the largest number that may be an angle in rad.
 _LARGEST_DEG, _LARGEST_RAD = 95.0, 1.6
 # s, lag within which the yaw rate follows steered wheels; hulls of 1 m or more respond to a rudder later. Decision, for
@@ -128,12 +130,14 @@ def guess_rudder(
     source = angles[0]
     steered = [log for log in logs if source in log]
     ranks = {name: rank for name, column in columns.items() if (rank := _speed_rank(column))}
+    if {"u", "v"} <= {*columns}:  # The velocities along surge and sway; u alone may be a supply voltage.
+        ranks = {name: rank for name, rank in ranks.items() if name != "v"} | {"u": _NAMED}
     ranks = {name: rank for name, rank in ranks.items() if name in chosen} or _given_speed(columns, chosen) or ranks
     common = [name for name in ranks if all(name in log for log in steered)]
     speeds = sorted(common or ranks, key=lambda name: -ranks[name])
     if not speeds:
         return None
-    name, speed = _speed_signal(speeds[0])
+    name, speed = _speed_signal(speeds[0], columns)
     largest = float(np.max(np.abs(columns[source].values)))
     unit, origin = named_unit(source), "the unit by its name"
     if unit not in ANGLE_UNITS:
@@ -192,17 +196,19 @@ def _speed_rank(column: SourceColumn) -> int:
     if words & RPM:
         rank = 1
     elif named:
-        rank = 3 + 2 * bool(words & _AHEAD)
+        rank = _NAMED + 2 * bool(words & _AHEAD)
     elif words and words <= _SYMBOLS and values.min() < _STANDSTILL * values.max():
-        rank = 3
+        rank = _NAMED
     return rank - bool(rank > 1 and words & ORDER)
 
 
-def _speed_signal(source: str) -> tuple[str, SignalGuess]:
-    """Name in rovid.toml of a speed, and the guess."""
+def _speed_signal(source: str, columns: Columns) -> tuple[str, SignalGuess]:
+    """Name in rovid.toml of a speed among ``columns``, and the guess."""
     words, unit = name_words(source), ending_unit(source)
     if words & RPM:
         return "propeller_speed", SignalGuess(source=source, reason="by name; the flow at a rudder behind a propeller")
+    if source == "u" and "v" in columns:
+        return "surge_velocity", SignalGuess(source=source, unit="m/s", reason="by name, next to v; m/s assumed")
     if words & ORDER or (words <= _SYMBOLS and not unit):
         return "ordered_speed", SignalGuess(source=source, reason="by name: a speed, measured or ordered; m/s assumed")
     reason = "by name; the unit by its name" if unit else "by name; m/s assumed"

@@ -1,5 +1,6 @@
 """Guess which columns hold which signal, from names, values and the response of the vehicle; with reasons."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
@@ -45,7 +46,11 @@ _SUPPLY_RANGE = (3.0, 1e5)
 _NOT_VOLTAGE = word_list("supply", "not_voltage") | COMMAND
 # Minimum correlation of a gyro with the rate of the heading.
 _CORRELATED = 0.7
+# s, window of a course over ground.
+_TRACK_WINDOW = 1.0
 _TILTS = {"roll": word_list("yaw", "roll"), "pitch": word_list("yaw", "pitch")}
+# "psi" as the unit of a pressure.
+_PRESSURE = re.compile(r"(?i:press\w*\W?_?psi)|[a-z][\W_]*PSI\b")
 _NOT_TILT = NOT_HEADING | RATE | YAW_RATE_WORDS | COMMAND
 
 
@@ -203,29 +208,31 @@ def _heading(columns: Columns) -> SignalGuess | None:
     measured = [source for source in columns if _may_be_heading(source)]
     named = [source for source in measured if name_words(source) & HEADING_WORDS or _is_planar(source, columns)]
     oriented = [source for source, column in columns.items() if column.logged[0].radians]
-    if oriented and not named:
+    if oriented and not any(columns[source].varies for source in named):
         return SignalGuess(source=oriented[0], unit="rad", reason="an orientation, from which the heading is computed")
-    best, best_rank = None, (False, 0)
-    for source in named or measured:
-        column = columns[source]
-        if not named and column.words & VOLTAGE:
-            continue
+    best, best_rank = None, (False, False, 0)
+    for source in measured:
+        column, is_named = columns[source], source in named
         unit, reason = _angle_unit(column)
         if unit and _is_planar(source, columns):
             unit, reason = "rad", f"the angle of a planar pose; {column.span}"
+        elif unit and "jumps" not in reason and not named_unit(source) and (tracked := _unit_by_track(column, columns)):
+            unit, reason = tracked, f"{column.span}; it turns with the track x, y"
         jumps = "jumps" in reason
-        if not unit or not (named or jumps):
+        if not unit or not (is_named or (jumps and not column.words & VOLTAGE)):
             continue
         # A column that jumps is an angle for sure. Among several, the finest resolution is best.
-        rank = (jumps, len(np.unique(column.values)))
-        if best is None or rank > best_rank:
-            reason = f"by name; {reason}" if named else f"{reason}; {UNNAMED}"
+        rank = (is_named, jumps, len(np.unique(column.values)))
+        if rank > best_rank:
+            reason = f"by name; {reason}" if is_named else f"{reason}; {UNNAMED}"
             best, best_rank = SignalGuess(source=source, unit=unit, reason=reason), rank
     return best
 
 
 def _may_be_heading(source: str) -> bool:
-    return may_be_heading(name_words(source)) and not is_per_second(source) and not is_error_or_order(source)
+    if is_per_second(source) or is_error_or_order(source) or _PRESSURE.search(source):
+        return False
+    return may_be_heading(name_words(source))
 
 
 def _is_planar(source: str, columns: Columns) -> bool:
@@ -266,10 +273,35 @@ def _angle_unit(column: SourceColumn) -> tuple[str, str]:
     return "rad", f"{span}: assumed to be radians, because it stays within a turn"
 
 
+def _unit_by_track(column: SourceColumn, columns: Columns) -> str:
+    """Unit in which a heading turns as far as the course of the track x, y; empty if these do not turn together."""
+    if not {"x", "y"} <= {*columns}:
+        return ""
+    turns: list[FloatArray] = []
+    for heading, x, y in zip(column.logged, columns["x"].logged, columns["y"].logged, strict=False):
+        if not len(heading.time) == len(x.time) == len(y.time):
+            continue
+        step = max(1, int(np.searchsorted(heading.time, heading.time[0] + _TRACK_WINDOW)))
+        course = np.unwrap(np.angle(np.diff(x.values[::step]) + 1j * np.diff(y.values[::step])))
+        middle = 0.5 * (heading.values[::step][1:] + heading.values[::step][:-1])
+        turns.append(np.vstack([np.diff(middle), np.diff(course)]))
+    own, track = np.concatenate([np.empty((2, 0)), *turns], axis=1)
+    known = np.isfinite(own) & np.isfinite(track) & (np.abs(track) < 0.5 * np.pi)
+    own, track = own[known], track[known]
+    if len(own) < MIN_SAMPLES or not np.std(own) > 0.0 or not np.std(track) > 0.0:
+        return ""
+    if abs(np.corrcoef(own, track)[0, 1]) < _CORRELATED:
+        return ""
+    # The geometric mean of 1 and the number of radians in a degree.
+    return "rad" if abs(track @ own / (own @ own)) > np.sqrt(np.pi / 180.0) else "deg"
+
+
 def _tilt(columns: Columns, name: str, known: frozenset[str], heading: SignalGuess | None) -> SignalGuess | None:
     """Roll or pitch by name; "phi_p" is no roll."""
     unwanted = _NOT_TILT | ({"r", "p", "y"} - {name[0]})
-    for source, column in columns.items():
+    heading_words = name_words(heading.source) if heading else set()
+    # The column that is named most like the heading is of the same sensor, in the same unit.
+    for source, column in sorted(columns.items(), key=lambda item: -len(item[1].words & heading_words)):
         if not column.words & known or column.words & unwanted or is_error_or_order(source):
             continue
         if _is_planar(source, columns) or not column.is_long:

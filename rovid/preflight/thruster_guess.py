@@ -272,15 +272,20 @@ def _select_commands(columns: Columns, hints: GuessHints) -> dict[str, FloatArra
     for name_test in name_tests:
         found = {source: values for source, values in varying.items() if name_test(source)}
         # An array beside a command of its own holds something else.
-        plain = {source.rpartition(".")[0] for source in found if not source.endswith("]")}
+        plain = {source.rpartition(".")[0] for source in found if not source.endswith("]")} - {""}
         found = {
             source: values
             for source, values in found.items()
             if not (source.endswith("]") and source.rpartition(".")[0] in plain)
         }
-        if torque_logged:
-            # The vehicle may have no thrusters then: a voltage has to be named that of one.
-            found = {source: values for source, values in found.items() if name_words(source) & (COMMAND | SIDE)}
+        # A vehicle with a logged torque may have no thrusters, and a voltage that stays far from zero is a supply: the
+        # name of such a column has to be that of a thruster.
+        found = {
+            source: values
+            for source, values in found.items()
+            if name_words(source) & (COMMAND | SIDE)
+            or not (torque_logged or (name_words(source) & VOLTAGE and not _approaches_zero(values)))
+        }
         found = _prefer(found, lambda _, values: neutral_value(values) == _NO_THRUST or _approaches_zero(values))
         # Speeds are the response to the other commands.
         found = _prefer(found, lambda source, _: not name_words(source) & _SPEED)

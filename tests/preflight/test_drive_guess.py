@@ -202,6 +202,12 @@ def test_the_measured_speed_ahead_comes_first(names: tuple[str, str], speed: str
     assert found.signals[found.rudders[0].speed].source == speed
 
 
+def test_u_next_to_v_is_the_surge_velocity() -> None:
+    found = map_columns([log(psi=HEADING, u=SPEED, v=0.1 * ANGLE, delta=ANGLE)])
+    assert [rudder.speed for rudder in found.rudders] == ["surge_velocity"]
+    assert found.signals["surge_velocity"].source == "u"
+
+
 def test_a_thruster_that_turns_the_vehicle_stays_next_to_a_rudder() -> None:
     thrust = levels(np.random.default_rng(9), 1.0, 80, 50)
     heading = HEADING + np.cumsum(0.1 * lag(thrust, 0.03))

@@ -75,6 +75,37 @@ def test_thrusters_get_unique_names() -> None:
     assert [command.name for command in found.commands] == ["a", "a_3", "a_4"]
 
 
+def test_the_supply_of_a_flight_controller_does_not_hide_its_motors() -> None:
+    supply = 24.0 - 0.1 * np.abs(COMMAND)
+    columns = {"vbatLatest (V)": supply, "voltage_filtered_v": supply, "motor[0]": 1500.0 + 200.0 * COMMAND}
+    found = map_columns([log(**{"heading[2]": np.radians(turned(COMMAND)), **columns})])
+    assert [command.source for command in found.commands] == ["motor[0]"]
+    assert "command" in map_columns([log(heading=turned(COMMAND), voltage_filtered_v=supply)]).missing
+
+
+def test_a_pressure_in_psi_hides_no_heading() -> None:
+    found = map_columns([log(Int_PSI=11.2 + 0.1 * np.sin(TIME), HeadDeg=turned(COMMAND), fore_cmd=COMMAND)])
+    assert found.signals["heading"].source == "HeadDeg"
+    assert map_columns([log(ship_psi=np.radians(turned(COMMAND)))]).signals["heading"].source == "ship_psi"
+
+
+def test_a_roll_has_the_unit_of_its_own_name() -> None:
+    roll = 0.02 * np.sin(TIME)
+    columns = {"att.roll": roll, "att.yaw_deg": turned(COMMAND), "att.roll_deg": np.degrees(roll)}
+    found = map_columns([log(**columns)])
+    assert (found.signals["roll"].source, found.signals["roll"].unit) == ("att.roll_deg", "deg")
+
+
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+def test_the_track_shows_the_unit_of_a_heading_of_many_turns(unit: str) -> None:
+    # The speed ahead turns with the heading, in either unit; a drift of the course is no turn.
+    angle = np.cumsum(0.05 * COMMAND + 0.02)
+    x, y = np.cumsum(np.cos(angle + 0.1)), np.cumsum(np.sin(angle + 0.1))
+    heading = angle if unit == "rad" else np.degrees(angle)
+    found = map_columns([log(x=x, y=y, psi=heading, fore_cmd=COMMAND)])
+    assert found.signals["heading"].unit == unit
+
+
 def test_missing_columns_are_reported() -> None:
     found = map_columns([log(depth=np.sin(TIME))])
     assert found.missing == ("heading", "command")
