@@ -62,7 +62,7 @@ def compare(
     outputs = context.reserve_outputs(pages, protected, current, history_output(current).path, force=shared.force)
     with progress("Reading …") as report:
         (a, b), notes = _campaigns(given, shared)
-        comparison = compare_campaigns(a, b, relevant_change=matters / 100.0, report=report)
+        comparison = compare_campaigns(a, b, relevant_change=matters / 100.0, report=report, budget=shared.budget)
         assumptions = comparison.a.assumptions | comparison.b.assumptions
         for page in pages:
             report("Drawing and writing the page …")
@@ -127,8 +127,9 @@ def _compare_planar(given: list[Path], shared: SharedOptions, matters: float) ->
         stored = context.existing_parameters(shared, planar=True)
         given, notes = [*given, stored.path], context.require_fresh(stored, None)
     with progress("Reading …") as report:
-        a, b = planar_campaigns((given[0], given[1]), report)
+        a, b = planar_campaigns((given[0], given[1]), report, shared.budget)
         comparison = compare_planar(a, b, relevant_change=matters)
+    notes = [*notes, *(f"{clause[0].upper()}{clause[1:]}." for clause in comparison.open_questions)]
     if shared.json:
         context.print_json(planar_comparison_document(comparison, notes))
     else:

@@ -1,7 +1,7 @@
 """One of the two campaigns of a comparison: diagnosed logs, or the content of a parameter file."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -81,10 +81,11 @@ class CampaignFit:
 
     @property
     def likely_findings(self) -> list[Finding]:
-        """Established causes, and suspected causes that are more likely than not."""
+        """Established causes, and suspects that are more likely than not; all suspects of a diagnosis cut short."""
         if self.diagnosis is None:
             return []
-        suspects = [suspect for suspect in self.diagnosis.suspects if suspect.probability >= _LIKELY]
+        least = 0.0 if self.diagnosis.is_cut_short else _LIKELY
+        suspects = [suspect for suspect in self.diagnosis.suspects if suspect.probability >= least]
         return [*self.diagnosis.findings, *suspects]
 
     @property
@@ -195,12 +196,58 @@ def _is_same_model(one: Parameters, other: Parameters) -> bool:
     return one.entries == other.entries and one.sources == other.sources
 
 
-def with_diagnosis(campaign: CampaignFit, report: Callable[[str], None] = lambda _: None) -> CampaignFit:
-    """``campaign`` with the diagnosis of its logs. Raises DataError if the data do not suffice."""
+def input_warnings(a: CampaignFit, b: CampaignFit) -> Iterator[str]:
+    """Warnings on differences of the vehicles and on shared logs.
+
+    Raises ConfigError if the axes or the thrusters differ.
+    """
+    if a.axis is not b.axis:
+        raise ConfigError(
+            f"is of {a.axis.name} and {b.name} of {b.axis.name}; one degree of freedom was expected.",
+            where=a.name,
+            mend="Give --axis, or two parameter files of one axis.",
+        )
+    if a.settings is not None and b.settings is not None:
+        thrusters_a, thrusters_b = _thrusters(a.settings), _thrusters(b.settings)
+        if thrusters_a != thrusters_b:
+            raise ConfigError(
+                f"has the thrusters {thrusters_a}, and {b.name} has {thrusters_b}. Parameters are measured relative to "
+                "thrust, so vehicles with different thrusters cannot be compared.",
+                where=a.name,
+                mend="Compare campaigns with the same thrusters, and name them alike in both rovid.toml.",
+            )
+        differences = a.settings.changes(b.settings, drive_alone=True)
+        if differences:
+            yield (
+                f"rovid.toml differs: {'; '.join(differences)}. If that is a correction and not a refit, make both "
+                "files equal, because all parameters are measured relative to thrust."
+            )
+    if a.vehicle_name != b.vehicle_name:
+        names = [repr(one.vehicle_name) if one.vehicle_name else "no name" for one in (a, b)]
+        yield f"The names of the vehicles differ: {names[0]} in {a.name}, {names[1]} in {b.name}."
+    shared = {source.sha256 for source in a.sources} & {source.sha256 for source in b.sources}
+    if shared:
+        logs = ", ".join(source.name for source in a.sources if source.sha256 in shared)
+        yield f"In both campaigns: {logs}. Results of the same logs are correlated, so the errors are not valid."
+
+
+def _thrusters(settings: ConfigFingerprint) -> str:
+    """Names of the thrusters, or of the logged torque."""
+    return ", ".join(sorted({name.partition(" of ")[2] or f"logged {name}" for name in settings.drive})) or "nothing"
+
+
+def with_diagnosis(
+    campaign: CampaignFit, report: Callable[[str], None] = lambda _: None, budget: float | None = None
+) -> CampaignFit:
+    """``campaign`` with the diagnosis of its logs, within a ``budget`` in s.
+
+    Raises DataError if the data do not suffice.
+    """
     if campaign.study is None or campaign.diagnosis is not None:
         return campaign
     study = campaign.study
-    diagnosis = study.diagnosis(lambda text: report(f"{campaign.name}: {text}"), budget=study.default_budget)
+    seconds = study.default_budget if budget is None else budget
+    diagnosis = study.diagnosis(lambda text: report(f"{campaign.name}: {text}"), budget=seconds)
     if diagnosis.extended is None:
         raise DataError(f"holds too few data for a comparison: {diagnosis.missing}", where=campaign.name)
     return replace(campaign, diagnosis=diagnosis)

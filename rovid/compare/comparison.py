@@ -8,7 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.compare.campaign_fit import CampaignFit, SharedEstimate, shared_effects, shared_estimate, with_diagnosis
+from rovid.compare.campaign_fit import (
+    CampaignFit,
+    SharedEstimate,
+    input_warnings,
+    shared_effects,
+    shared_estimate,
+    with_diagnosis,
+)
 from rovid.compare.difference_tests import (
     DRAG,
     RELEVANT_CHANGE,
@@ -30,7 +37,6 @@ from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.planar_study import PlanarStudy, open_planar_study, planar_effect, with_fit
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import PLANAR
-from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.fault import fault_texts
 
 # Probability of a false change among all parameters of a comparison without one; a decision.
@@ -47,6 +53,7 @@ class PlanarCampaign:
     name: str
     parameters: Parameters
     study: PlanarStudy | None = None
+    is_cut_short: bool = False  #: Whether its diagnosis ended before every cause was tried.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +83,11 @@ class PlanarComparison:
     detectable: Mapping[str, float]
 
     @property
+    def open_questions(self) -> list[str]:
+        """Clauses on the diagnoses that were cut short."""
+        return [_cut_short(side.name) for side in (self.a, self.b) if side.is_cut_short]
+
+    @property
     def changed(self) -> list[str]:
         """Names of the changed parameters."""
         return [change.name for change in self.changes if change.changed]
@@ -90,38 +102,44 @@ class PlanarComparison:
         return guesses
 
 
-def planar_campaigns(paths: tuple[Path, Path], report: Callable[[str], None]) -> tuple[PlanarCampaign, PlanarCampaign]:
+def planar_campaigns(
+    paths: tuple[Path, Path], report: Callable[[str], None], budget: float | None = None
+) -> tuple[PlanarCampaign, PlanarCampaign]:
     """The campaigns of two parameter files or folders of logs.
 
     Folders are diagnosed, and fitted with the causes of either campaign; causes of one day stay with their own. Raises
     ConfigError if a parameter file holds the parameters of one axis.
     """
-    sides = [_opened(path, report) for path in paths]
-    shared = [effect for _, _, effects in sides for effect in effects if not effect.environmental]
+    sides = [_opened(path, report, budget) for path in paths]
+    shared = [effect for _, _, effects, _ in sides for effect in effects if not effect.environmental]
     found = []
-    for path, (stored, study, effects) in zip(paths, sides, strict=True):
+    for path, (stored, study, effects, is_cut_short) in zip(paths, sides, strict=True):
         parameters = stored or Parameters(path=path, axis=PLANAR)
         if stored is None and study is not None:
             report(f"Fitting {path.name} …")
             fit = study.fit(tuple(dict.fromkeys((*shared, *effects))))
             parameters = with_fit(parameters, fit, study.provenance)
-        found.append(PlanarCampaign(name=str(path), parameters=parameters, study=study))
+        found.append(PlanarCampaign(name=str(path), parameters=parameters, study=study, is_cut_short=is_cut_short))
     return found[0], found[1]
 
 
-def _opened(path: Path, report: Callable[[str], None]) -> tuple[Parameters | None, PlanarStudy | None, list[Effect]]:
-    """A parameter file with its logs as far as they exist, or None and a folder of logs; and the causes in either."""
+def _opened(
+    path: Path, report: Callable[[str], None], budget: float | None
+) -> tuple[Parameters | None, PlanarStudy | None, list[Effect], bool]:
+    """A parameter file and its logs as far as they exist, or None and a folder's logs; causes; whether time ran out."""
     if path.is_file():
         stored = read_parameters(path)
         if stored.axis is not PLANAR:
             text = f"holds the parameters of {stored.axis.name}, but --axes is planar."
             raise ConfigError(text, where=path, mend="Give the file of another fit.")
         has_logs = bool(stored.logs) and all(log.exists() for log in stored.logs)
-        return stored, open_planar_study(stored.logs) if has_logs else None, list(map(planar_effect, stored.effects))
+        study = open_planar_study(stored.logs) if has_logs else None
+        return stored, study, list(map(planar_effect, stored.effects)), False
     study = open_planar_study([path])
     report(f"Diagnosing {path.name} …")
-    extended = study.diagnosis(report).extended
-    return None, study, [] if extended is None else [one.effect for one in extended.fit.model.effects]
+    found = study.diagnosis(report, budget=budget)
+    effects = [] if found.extended is None else [one.effect for one in found.extended.fit.model.effects]
+    return None, study, effects, found.is_cut_short
 
 
 def compare_planar(a: PlanarCampaign, b: PlanarCampaign, *, relevant_change: float) -> PlanarComparison:
@@ -134,7 +152,12 @@ def compare_planar(a: PlanarCampaign, b: PlanarCampaign, *, relevant_change: flo
     verdict = "same"
     if any(change.changed for change in changes):
         verdict = "changed"
-    elif not detectable or not all(limit <= relevant_change for limit in detectable.values()):
+    elif (
+        a.is_cut_short
+        or b.is_cut_short
+        or not detectable
+        or not all(limit <= relevant_change for limit in detectable.values())
+    ):
         verdict = "cannot_tell"
     predictions, sides = {}, {"a": a, "b": b}
     for one, other in (("a", "b"), ("a", "a"), ("b", "b"), ("b", "a")):
@@ -217,15 +240,20 @@ class Comparison:
 
 
 def compare(
-    a: CampaignFit, b: CampaignFit, *, relevant_change: float = RELEVANT_CHANGE, report: Report = lambda _: None
+    a: CampaignFit,
+    b: CampaignFit,
+    *,
+    relevant_change: float = RELEVANT_CHANGE,
+    report: Report = lambda _: None,
+    budget: float | None = None,
 ) -> Comparison:
-    """Compare two campaigns; logs are diagnosed if they are not yet.
+    """Compare two campaigns; logs are diagnosed if they are not yet, each within a ``budget`` in s.
 
     Both campaigns are fitted with the causes of either, because otherwise the models would differ. Raises ConfigError
     if the campaigns are of different vehicles. Raises DataError if a campaign holds too few data.
     """
-    warnings = list(_input_warnings(a, b))
-    a, b = with_diagnosis(a, report), with_diagnosis(b, report)
+    warnings = list(input_warnings(a, b))
+    a, b = (with_diagnosis(campaign, report, budget) for campaign in (a, b))
     effects = shared_effects(a, b)
     report("Fitting both with the causes of either …")
     in_a, in_b = thread_map(lambda campaign: shared_estimate(campaign, effects), [a, b])
@@ -234,7 +262,11 @@ def compare(
     changes = find_changes(pair, change_candidates(pair, weak, _remaining_thruster(a, effects)))
     report("Simulating the runs of each by the model of the other …")
     both_logs = bool(a.runs and b.runs)
-    open_questions = tuple(_open_questions(changes, relevant_change, only_in_one, both_logs=both_logs))
+    cut_short = [one.name for one in (a, b) if one.diagnosis is not None and one.diagnosis.is_cut_short]
+    open_questions = (
+        *map(_cut_short, cut_short),
+        *_open_questions(changes, relevant_change, only_in_one, both_logs=both_logs),
+    )
     if changes.established:
         verdict = "changed"
     elif open_questions or changes.changes:
@@ -266,46 +298,6 @@ def compare(
     )
 
 
-def _input_warnings(a: CampaignFit, b: CampaignFit) -> Iterator[str]:
-    """Warnings on differences of the vehicles and on shared logs.
-
-    Raises ConfigError if the axes or the thrusters differ.
-    """
-    if a.axis is not b.axis:
-        raise ConfigError(
-            f"is of {a.axis.name} and {b.name} of {b.axis.name}; one degree of freedom was expected.",
-            where=a.name,
-            mend="Give --axis, or two parameter files of one axis.",
-        )
-    if a.settings is not None and b.settings is not None:
-        thrusters_a, thrusters_b = _thrusters(a.settings), _thrusters(b.settings)
-        if thrusters_a != thrusters_b:
-            raise ConfigError(
-                f"has the thrusters {thrusters_a}, and {b.name} has {thrusters_b}. Parameters are measured relative to "
-                "thrust, so vehicles with different thrusters cannot be compared.",
-                where=a.name,
-                mend="Compare campaigns with the same thrusters, and name them alike in both rovid.toml.",
-            )
-        differences = a.settings.changes(b.settings, drive_alone=True)
-        if differences:
-            yield (
-                f"rovid.toml differs: {'; '.join(differences)}. If that is a correction and not a refit, make both "
-                "files equal, because all parameters are measured relative to thrust."
-            )
-    if a.vehicle_name != b.vehicle_name:
-        names = [repr(one.vehicle_name) if one.vehicle_name else "no name" for one in (a, b)]
-        yield f"The names of the vehicles differ: {names[0]} in {a.name}, {names[1]} in {b.name}."
-    shared = {source.sha256 for source in a.sources} & {source.sha256 for source in b.sources}
-    if shared:
-        logs = ", ".join(source.name for source in a.sources if source.sha256 in shared)
-        yield f"In both campaigns: {logs}. Results of the same logs are correlated, so the errors are not valid."
-
-
-def _thrusters(settings: ConfigFingerprint) -> str:
-    """Names of the thrusters, or of the logged torque."""
-    return ", ".join(sorted({name.partition(" of ")[2] or f"logged {name}" for name in settings.drive})) or "nothing"
-
-
 def _pair(a: SharedEstimate, b: SharedEstimate, environmental: Sequence[Effect]) -> tuple[EstimatePair, list[str]]:
     """Estimates of the parameters known in both campaigns, and the names known in only one, without environment."""
     excluded = tuple(f"{effect.key}." for effect in environmental)
@@ -333,6 +325,12 @@ def _remaining_thruster(campaign: CampaignFit, effects: Sequence[Effect]) -> str
     names = [thruster.name for thruster in campaign.vehicle.thrusters if thruster.curve is not None]
     remaining = [name for name in names if name not in with_gain]
     return f"{IMBALANCE.id}:{remaining[0]}" if with_gain and len(remaining) == 1 else ""
+
+
+def _cut_short(name: str) -> str:
+    return (
+        f"the diagnosis of {name} ended at the limit of its time, before every cause was tried: give a larger --budget"
+    )
 
 
 def _open_questions(

@@ -43,6 +43,14 @@ def test_only_a_new_lag_is_named(compared: tuple[Done, Path]) -> None:
         assert told["together"]["a"]["standard_error"] < sharpest
 
 
+def test_a_diagnosis_cut_short_leaves_the_question_open(before: Path, write: Write) -> None:
+    again = write("again", seed=3)
+    # A second does not suffice: causes that both models lack may have changed.
+    document = run_rovid("compare", before, again, "--budget", "1", "--json").document
+    assert document["verdict"] == "cannot_tell"
+    assert any("ended at the limit of its time" in clause for clause in document["open"])
+
+
 def test_the_model_of_one_campaign_does_not_predict_the_other(compared: tuple[Done, Path]) -> None:
     made = compared[0].document["prediction"]
     assert set(made) == {"a_on_a", "a_on_b", "b_on_a", "b_on_b"}
