@@ -4,7 +4,6 @@ import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -13,14 +12,13 @@ from rovid.control.actuators import Allocation, bare_inputs
 from rovid.control.control_law import ControlLaw
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs, TrialRows
+from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs, TrialRows, neutral_commands
 from rovid.effects.base import TERM_STATES
 from rovid.jit.simd import LANES
 from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
 from rovid.model.torque_input import Intervals, TorqueInput
 from rovid.trial.numba_loops import first_order_sum
-from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
 # s, longest step of the plant: torques enter as means over a step.
@@ -76,10 +74,6 @@ class ClosedLoopRun:
     external_torque: FloatArray
     drive: TorqueInput  #: Torque of the commands, and the other inputs of the effects.
 
-    def trial(self) -> Trial:
-        """The run as a trial."""
-        return Trial(name="closed loop", path=Path(), time=self.time, position=self.heading, commands=self.commands)
-
 
 def simulate_loops(loops: Sequence[ClosedLoop]) -> list[ClosedLoopRun]:
     """Simulate ``loops`` with one model, vehicle, sampling period and length together.
@@ -91,13 +85,16 @@ def simulate_loops(loops: Sequence[ClosedLoop]) -> list[ClosedLoopRun]:
     steps = _steps_per_period(law.period)
     time = law.period / steps * np.arange(len(loops[0].setpoint) * steps + 1, dtype=np.float64)
     actuators = plant.model.actuators
-    where = bare_inputs(plant.vehicle, time, actuators.subdivision)
+    # One step more than the run: before it the thrusters are idle.
+    where = bare_inputs(plant.vehicle, np.append(time, time[-1] + time[1]), actuators.subdivision)
+    idle = neutral_commands(plant.vehicle)
     windows = [round(length / law.period * steps) for length in _WINDOWS]
     for window in (*windows, len(time)):
         runs = _simulate(loops, time, where, window)
         if window >= len(time) or actuators.is_plain:
             break
-        wholes = [actuators.torque_inputs(CommandSeries(plant.vehicle, where, run.commands)) for run in runs]
+        rows = [np.vstack((idle, run.commands)) for run in runs]
+        wholes = [actuators.torque_inputs(CommandSeries(plant.vehicle, where, commands)) for commands in rows]
         if all(_is_equal(whole, run.drive) for whole, run in zip(wholes, runs, strict=True)):
             break
     return runs
@@ -108,8 +105,11 @@ def _steps_per_period(period: float) -> int:
 
 
 def _is_equal(whole: TorqueInput, windowed: TorqueInput) -> bool:
-    """Whether commands before the window have no influence on the torque and on the other inputs of the effects."""
-    expected = np.column_stack((whole.torque, whole.effect_inputs))
+    """Whether commands before the window have no influence on the torque and on the other inputs of the effects.
+
+    ``whole`` has the idle step before the run as its first row.
+    """
+    expected = np.column_stack((whole.torque, whole.effect_inputs))[1:]
     found = np.column_stack((windowed.torque, windowed.effect_inputs))
     tolerance = _NEGLIGIBLE * np.maximum(np.max(np.abs(expected), axis=0), 1e-9)
     return bool(np.all(np.abs(expected - found)[:-1] <= tolerance))
@@ -120,7 +120,8 @@ def _simulate(loops: Sequence[ClosedLoop], time: FloatArray, where: ActuatorInpu
     plant, count, n = loops[0].plant, len(loops), len(time)
     steps = _steps_per_period(loops[0].law.period)
     wanted, torque, moment = np.zeros((3, count, n))
-    commands = np.zeros((count, n, len(plant.vehicle.thrusters)))
+    everything = np.tile(neutral_commands(plant.vehicle), (count, 1 + n, 1))
+    commands = everything[:, 1:]
     effect_inputs = np.zeros((count, n, 1 + len(SPEEDS)))
     runs = []
     for at, loop in enumerate(loops):
@@ -142,7 +143,7 @@ def _simulate(loops: Sequence[ClosedLoop], time: FloatArray, where: ActuatorInpu
             next(controlled)
         for allocation, rows in users.items():
             commands[rows, at : at + steps + 1] = allocation(wanted[rows, at])[:, None]
-        latest = _latest_inputs(plant, where, commands[:, : at + steps + 1], max(at - window, 0), steps)
+        latest = _latest_inputs(plant, where, everything[:, : at + steps + 2], max(at - window, 0), steps)
         for series, values in zip((torque, moment, effect_inputs), latest, strict=True):
             series[:, at : at + steps] = values
     for controlled in running:

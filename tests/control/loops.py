@@ -14,8 +14,11 @@ from rovid.control.control_law import ControlLaw, LoopConditions
 from rovid.control.tuning import OpenLoop, linearise
 from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
+from rovid.effects.actuator_inputs import neutral_commands
 from rovid.effects.base import Scales
 from rovid.model.model import Model
+from rovid.model.torque_input import TorqueInput
+from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 
 PAPER = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.37)
@@ -54,6 +57,15 @@ def closed(
     plant = Plant(model=model, vehicle=VEHICLE)
     goal = np.full(round(seconds / controller.period), math.radians(wanted))
     return run_one(controller, allocate(VEHICLE, model), plant, goal, math.radians(start))
+
+
+def whole_drive(model: Model, course: ClosedLoopRun) -> TorqueInput:
+    """The drive of all commands of a run at once, of thrusters that are idle before it."""
+    time = np.append(course.time, course.time[-1] + course.time[1])
+    commands = np.vstack((neutral_commands(VEHICLE), course.commands))
+    drive = model.actuators.torque_input(VEHICLE, Trial.from_commands(time, commands))
+    parts = drive.torque, drive.timing_moment, drive.effect_inputs, drive.impulse_variance
+    return TorqueInput(*(part[1:] for part in parts), np.array([0, len(course.time)]))
 
 
 def loop(controller: ControlLaw, delay: float = 0.0, model: Model = PAPER) -> OpenLoop:

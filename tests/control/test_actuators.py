@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from rovid.control.actuators import ActuatorProbe, allocate
 from rovid.core.errors import DataError
-from tests.control.loops import PAPER, VEHICLE, closed, law, with_effect
+from rovid.trial.trial import Trial
+from tests.control.loops import PAPER, VEHICLE, with_effect
 
 
 def test_allocation_inverts_the_bench_curve() -> None:
@@ -36,8 +35,7 @@ def test_allocation_inverts_known_effects(key: str, values: tuple[float, ...]) -
     torques = []
     for allocation in (bench, known):
         commands = np.repeat(allocation(np.array([100.0])), 2, axis=0)
-        course = closed(PAPER, law(), seconds=1.0).trial()
-        held = replace(course, time=course.time[:2], position=course.position[:2], commands=commands)
+        held = Trial.from_commands(np.array([0.0, 0.1]), commands)
         torques.append(model.actuators.torque_input(VEHICLE, held).torque[0])  # settled drives
     assert torques[1] == pytest.approx(100.0, abs=0.1)
     assert abs(torques[0] - 100.0) > 2.0

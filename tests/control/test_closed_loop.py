@@ -16,7 +16,8 @@ from rovid.control.design import without_model_aid
 from rovid.core.array_types import FloatArray
 from rovid.effects import Effect, forms_for
 from rovid.model.model import Model
-from tests.control.loops import PAPER, SCALES, VEHICLE, closed, law, run_one, with_effect
+from rovid.trial.trial import Trial
+from tests.control.loops import PAPER, SCALES, VEHICLE, closed, law, run_one, whole_drive, with_effect
 from tests.synthetic import LOGGED
 
 
@@ -51,6 +52,14 @@ def test_the_closed_loop_equals_an_independent_integration() -> None:
     assert course.heading == pytest.approx(np.array(expected), abs=1e-8)
 
 
+def test_the_thrusters_are_idle_before_the_step() -> None:
+    """A lag delays the whole response; with the first command held before it the response would begin at once."""
+    plain, lagging = (closed(model, law(900.0, 3000.0)) for model in (PAPER, with_effect("thruster_lag", 1.0)))
+    begins = [float(one.time[np.argmax(np.degrees(one.heading) > 91.0)]) for one in (plain, lagging)]
+    assert begins[1] > begins[0] + 0.3
+    assert lagging.drive.torque[0] == pytest.approx((1.0 - (1.0 - math.exp(-0.1)) / 0.1) * lagging.torque[0], rel=1e-3)
+
+
 def example(effect: Effect) -> Model:
     values = [p.initial_values[0] * SCALES.unit_size(p) for p in effect.parameters]
     return replace(PAPER, effects=(effect,), effect_values=tuple(values))
@@ -62,13 +71,13 @@ def test_recorded_commands_reproduce_the_heading_in_open_loop(effect: Effect) ->
     """The torque step by step equals that of all commands together."""
     model = example(effect)
     course = closed(model, law(900.0, 3000.0), seconds=90.0)
-    # The drives of the loop are settled at its first command.
-    drive = model.actuators.torque_input(VEHICLE, course.trial())
+    drive = whole_drive(model, course)
     differs = float(np.max(np.abs(drive.torque - course.drive.torque)[:-1]))
     # What an effect remembers from before the window of 20 s.
     assert differs <= 1e-4 * np.max(np.abs(drive.torque))
     # It starts at the rate that is logged first.
-    rate, heading = model.simulate(replace(course.trial(), rate=np.zeros(len(course.time))), drive)
+    trial = replace(Trial.from_commands(course.time, course.commands), position=course.heading)
+    rate, heading = model.simulate(trial, drive)
     # Steps of the integration, what is forgotten, and a true heading that is found from the instrument's by turns.
     reach = 1e-3 if model.heading_sensor.deviates else 6e-6 + 0.01 * differs
     if not model.heading_sensor.deviates:
@@ -100,7 +109,7 @@ def test_parallel_loops_equal_separate_ones(model: Model, period: float) -> None
         (alone,) = simulate_loops([loop])
         for name in ("heading", "rate", "torque", "commands", "external_torque"):
             assert getattr(together, name) == pytest.approx(getattr(alone, name), rel=1e-9, abs=1e-9), name
-        drive = model.actuators.torque_input(VEHICLE, together.trial())
+        drive = whole_drive(model, together)
         for name in ("torque", "timing_moment", "effect_inputs"):
             found, by_itself, whole = (getattr(one, name) for one in (together.drive, alone.drive, drive))
             assert found == pytest.approx(by_itself, rel=1e-9, abs=1e-9), name
@@ -112,5 +121,5 @@ def test_parallel_loops_equal_separate_ones(model: Model, period: float) -> None
 def test_a_long_memory_extends_the_window() -> None:
     model = with_effect("supply_sag", 3.0, 60.0)
     course = closed(model, law(900.0, 3000.0), seconds=200.0)
-    whole = model.actuators.torque_input(VEHICLE, course.trial()).torque
+    whole = whole_drive(model, course).torque
     assert np.max(np.abs(whole - course.drive.torque)[:-1]) <= 1e-4 * np.max(np.abs(whole))
