@@ -106,6 +106,18 @@ CONFIG = _signature("the rovid.toml that this command writes", rb"\A# Written by
 GUESSED_CURVE = _signature("the guessed curve that this command writes", CURVE.pattern.pattern, replaceable=False)
 
 
+# Suffix of a log -> outputs of rovid that have it too.
+_NO_LOGS = {".csv": (PLAN,), ".mat": (export_signature("matlab"), export_signature("mss"))}
+
+
+def own_output(path: Path) -> str:
+    """The kind of an output of rovid that has the suffix of a log; empty for other files."""
+    signatures = _NO_LOGS.get(path.suffix.lower(), ())
+    with contextlib.suppress(OSError):  # Reading reports the error.
+        return next((one.description for one in signatures if one.matches(path)), "")
+    return ""
+
+
 # A function is called under the locks of the folders: its content may depend on files that are there.
 Content = str | bytes | Callable[[], str | bytes]
 _OTHER_NAME = "Choose another name."

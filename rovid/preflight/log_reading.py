@@ -10,6 +10,7 @@ import numpy as np
 
 from rovid.core.errors import DataError, RovidError
 from rovid.core.input_files import list_files
+from rovid.core.output_files import own_output
 from rovid.faults.absent_zero import is_zero
 from rovid.preflight.clock_alignment import align_clocks
 from rovid.preflight.command_effects import response_delay
@@ -117,7 +118,7 @@ def log_files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
         inside = list_files(path, unreadable)
         problems += [f"{special}: is {kind}." for special, kind in inside.special_files.items()]
         for file in inside.files:
-            if file.suffix.lower() in READERS:
+            if file.suffix.lower() in READERS and (file == path or not own_output(file)):
                 yield file
 
 

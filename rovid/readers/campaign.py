@@ -12,7 +12,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import LogError, suggestion
 from rovid.core.input_files import file_parts, list_files, require_exists
-from rovid.core.output_files import PLAN
+from rovid.core.output_files import own_output
 from rovid.core.spmd import ForkedCall
 from rovid.faults.base import CampaignData, examine
 from rovid.faults.catalogue import detectors_at
@@ -142,6 +142,9 @@ def _first_files_of_trials(files: Sequence[_File], config: Config) -> list[_File
 
 def _is_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     """Whether a file is a log; a folder may hold tables and other files, too."""
+    if not one.asked and (written := own_output(one.path)):
+        remarks.append(left_out(one.name, f"it is {written}, no log"))
+        return False
     if one.kind == "csv":
         return _is_csv_log(one, config, remarks)
     if one.asked or one.kind == "mcap" or config.maps_format(one.kind):
@@ -159,9 +162,6 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     if _is_table(names, config):
         if one.asked:
             remarks.append(left_out(one.name, "it is a table, no log"))
-        return False
-    if not one.asked and PLAN.matches(one.path):
-        remarks.append(left_out(one.name, "it is a command file of rovid plan, no log"))
         return False
     if one.asked or set(map(plain_name, names)) & set(map(plain_name, _mapped_columns(config))):
         return True

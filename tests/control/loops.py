@@ -64,8 +64,13 @@ def whole_drive(model: Model, course: ClosedLoopRun) -> TorqueInput:
     time = np.append(course.time, course.time[-1] + course.time[1])
     commands = np.vstack((neutral_commands(VEHICLE), course.commands))
     drive = model.actuators.torque_input(VEHICLE, Trial.from_commands(time, commands))
-    parts = drive.torque, drive.timing_moment, drive.effect_inputs, drive.impulse_variance
-    return TorqueInput(*(part[1:] for part in parts), np.array([0, len(course.time)]))
+    return TorqueInput(
+        torque=drive.torque[1:],
+        timing_moment=drive.timing_moment[1:],
+        effect_inputs=drive.effect_inputs[1:],
+        impulse_variance=drive.impulse_variance[1:],
+        offsets=np.array([0, len(course.time)]),
+    )
 
 
 def loop(controller: ControlLaw, delay: float = 0.0, model: Model = PAPER) -> OpenLoop:

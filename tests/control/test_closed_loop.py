@@ -57,7 +57,8 @@ def test_the_thrusters_are_idle_before_the_step() -> None:
     plain, lagging = (closed(model, law(900.0, 3000.0)) for model in (PAPER, with_effect("thruster_lag", 1.0)))
     begins = [float(one.time[np.argmax(np.degrees(one.heading) > 91.0)]) for one in (plain, lagging)]
     assert begins[1] > begins[0] + 0.3
-    assert lagging.drive.torque[0] == pytest.approx((1.0 - (1.0 - math.exp(-0.1)) / 0.1) * lagging.torque[0], rel=1e-3)
+    exerted = min(lagging.torque[0], allocate(VEHICLE, PAPER).highest)
+    assert lagging.drive.torque[0] == pytest.approx((1.0 - (1.0 - math.exp(-0.1)) / 0.1) * exerted, rel=1e-3)
 
 
 def example(effect: Effect) -> Model:

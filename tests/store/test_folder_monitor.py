@@ -9,9 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from rovid.export.rovid_equation import mat_file
+from rovid.preflight.log_reading import log_files
 from rovid.store import folder_monitor
 from rovid.store.folder_monitor import FolderChange, FolderMonitor, WatchedLog, read_watched_log
 from rovid.store.study import open_study
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW
 from tests.store.days import write_day
 
@@ -280,3 +283,13 @@ def test_a_command_file_in_the_folder_is_no_log(scene: Scene) -> None:
     assert scene.told() == []
     study = open_study([scene.path])
     assert "plan.csv was left out: it is a command file of rovid plan, no log." in study.remarks()
+
+
+def test_an_exported_model_in_the_folder_is_no_log(scene: Scene) -> None:
+    scene.put("sine.csv")
+    content, _ = mat_file({"inertia": 5000.0}, Assumptions())
+    (scene.path / "rovid.mat").write_bytes(content)
+    assert names(scene.take()) == ["sine.csv"]
+    study = open_study([scene.path])
+    assert "rovid.mat was left out: it is an export for matlab, no log." in study.remarks()
+    assert "rovid.mat" not in {path.name for path in log_files([scene.path], [])}
