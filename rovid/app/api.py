@@ -94,12 +94,14 @@ class Api:
         end: float,
         bins: int,
         turns: Mapping[str, float] | None = None,
+        time_unit: str = "auto",
     ) -> Document:
-        """The columns of one log for plots; see `columns_document`."""
+        """The columns of one log for plots, with the time in ``time_unit``; see `columns_document`."""
         path = self.root.path(name)
         require_exists(path)
         with self._columns_lock:
-            return columns_document(self._read_columns(path), needed, begin, end, min(max(bins, 10), 5000), turns)
+            columns = self._read_columns(path, time_unit)
+            return columns_document(columns, needed, begin, end, min(max(bins, 10), 5000), turns)
 
     def draft(self, document: object) -> Document:
         """The rovid.toml for the choices, the open questions, and equivalent commands."""
@@ -211,12 +213,12 @@ class Api:
 
     def _survey(self, paths: Sequence[Path], form: FormState) -> tuple[LogSurvey, LogSurvey]:
         """The survey by rovid's guesses alone, and the survey with the user's choices."""
-        key = tuple(map(_file_key, log_files(paths, [])))
+        key = (form.time_unit, *map(_file_key, log_files(paths, [])))
         if key not in self._logs_read:
             # Only one folder is kept, because its logs may be large.
             self._logs_read.clear()
             self._surveys.clear()
-            self._logs_read[key] = read_logs(paths)
+            self._logs_read[key] = read_logs(paths, time_unit=form.time_unit)
         guessed = self._cached_survey(key, SurveyOptions(vehicle=form.vehicle, interactive=True, planar=form.planar))
         headings, commands = form.changes(guessed)
         options = SurveyOptions(
@@ -231,10 +233,10 @@ class Api:
             self._surveys[key, options] = survey_read_logs(self._logs_read[key], options)
         return self._surveys[key, options]
 
-    def _read_columns(self, path: Path) -> Mapping[str, RawColumn]:
-        key = _file_key(path)
+    def _read_columns(self, path: Path, time_unit: str) -> Mapping[str, RawColumn]:
+        key = (time_unit, *_file_key(path))
         if key not in self._columns:
-            _, columns, _ = read_columns(path)
+            _, columns, _ = read_columns(path, time_unit)
             self._columns[key] = columns
             while len(self._columns) > 1 and sum(map(_size_in_memory, self._columns.values())) > _CACHE_SIZE:
                 self._columns.pop(next(iter(self._columns)))

@@ -14,6 +14,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import NAME_LENGTH, ConfigError
 from rovid.preflight.log_survey import LogSurvey, UserOverrides, all_commands
 from rovid.preflight.raw_columns import RawColumn, SignalGuess
+from rovid.trial.axis import TIME_UNITS
 from rovid.trial.cutting import Exclusion
 
 
@@ -108,6 +109,7 @@ class FormState:
     signals: Mapping[str, Mapping[str, SignalGuess]] | None  # Format -> signal -> column; None: as guessed
     overrides: UserOverrides
     document: Mapping[str, Any]  # The JSON document of the page
+    time_unit: str = "auto"
     planar: bool = False  # Surge, sway and yaw together instead of yaw alone
 
     def changes(self, guessed: LogSurvey) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -152,6 +154,7 @@ def parse_form(document: object) -> FormState:
             signals=overrides.signals,
             overrides=overrides,
             document=document,
+            time_unit=_time_unit(document.get("time_unit", "auto")),
             planar=document.get("axes") == "planar",
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -163,6 +166,12 @@ def _vehicle(name: object) -> str:
     if not isinstance(name, str) or name.endswith(".toml"):
         raise ValueError("vehicle")
     return name
+
+
+def _time_unit(name: object) -> str:
+    if name not in TIME_UNITS:
+        raise ValueError("time_unit")
+    return str(name)
 
 
 def _text(value: object) -> str:
@@ -234,7 +243,9 @@ def choices_of(text: str, kinds: Collection[str]) -> dict[str, Any]:
             commands.setdefault(kind, []).append(shown)
     vehicle = _tables(config).get("vehicle", {})
     sizes = {key: vehicle[key] for key in _SIZES if isinstance(vehicle.get(key), int | float)}
-    return {"signals": signals, "commands": commands, "size": sizes, "name": str(vehicle.get("name", ""))}
+    unit = _tables(config.get("signals")).get("time", {}).get("unit", "auto")
+    name = str(vehicle.get("name", ""))
+    return {"signals": signals, "commands": commands, "size": sizes, "name": name, "time_unit": unit}
 
 
 def _is_table(value: object) -> bool:

@@ -117,7 +117,8 @@ class _Handlers:
             raise ConfigError("from, to and bins have to be numbers.") from None
         turn = FULL_TURN.get(query.get("unit", ""))
         turns = {} if turn is None else {query.get("heading", ""): turn}
-        return JSONResponse(self.api.columns(query.get("log", ""), query.getlist("needed"), begin, end, bins, turns))
+        log, needed, unit = query.get("log", ""), query.getlist("needed"), query.get("time_unit", "auto")
+        return JSONResponse(self.api.columns(log, needed, begin, end, bins, turns, unit))
 
     async def upload(self, request: Request) -> Response:
         """Store one dropped file in a new folder, or in the folder of an earlier upload."""

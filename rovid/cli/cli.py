@@ -58,7 +58,7 @@ def main() -> None:
         # The reader of the output ended, as `| head` does.
         sys.stderr.close()
         raise SystemExit(1) from None
-    except (OSError, MemoryError) as error:
+    except (OSError, MemoryError, ImportError, RuntimeError) as error:
         message = machine_error(error)
         if not message:
             raise

@@ -51,7 +51,8 @@ def report(
         from rovid.present.page.planar import build_planar_report
 
         session = open_planar_session(logs, shared)
-        stored, reported, folder = session.stored, session.study.logs, output or Path("report_planar")
+        stored, reported = session.stored, session.study.logs
+        folder = output or _default_folder("planar", session.study.vehicle.name, force=shared.force)
         with progress("Fitting surge, sway and yaw …") as show_progress:
             page, contents = build_planar_report(
                 session.study,
@@ -68,14 +69,13 @@ def report(
     else:
         from rovid.present.page.build import build_report
         from rovid.present.page.summary import summarize
-        from rovid.trial.axis import YAW
 
         stored = context.parameters_at(shared, force=shared.force)
         notes = context.write_missing_config(logs, stored.axis) if logs else []
         reported = context.open_logs(logs or context.stored_logs(stored), shared.cutoff, stored.axis)
         if not shared.force:
             reported.require_sound()
-        folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
+        folder = output or _default_folder(stored.axis.name, reported.vehicle.name, force=shared.force)
         with progress("Fitting drag and inertia …") as show_progress:
             page, data = build_report(
                 stored, reported, folder, controlled=control, exported=export, report=show_progress, **choices
@@ -97,6 +97,16 @@ def report(
     context.console().print(answer, highlight=False)
     for path in files.values():
         print_path(context.console(), path)
+
+
+def _default_folder(axis: str, vehicle: str, *, force: bool) -> Path:
+    """The folder for the page of ``vehicle`` along ``axis``; OutputError if it holds the report of another vehicle."""
+    from rovid.present.page.page_files import require_same_vehicle
+
+    folder = Path("report" if axis == "yaw" else f"report_{axis}")
+    if not force:
+        require_same_vehicle(folder, vehicle)
+    return folder
 
 
 def _journal_width(text: str) -> str:

@@ -35,6 +35,8 @@ _SPELLINGS |= {
     "”": '"',
     "’": "'",
 }
+# Parts of the message of an import, of the system and of a thread for which there is no memory.
+_NO_MEMORY = ("failed to map segment", os.strerror(errno.ENOMEM), "can't start new thread")
 # Errors of the output's device: no space, quota, fault of the device, closed stream.
 _OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
 
@@ -69,14 +71,17 @@ def _spelled(character: str) -> str:
     return plain or character.encode("ascii", "backslashreplace").decode()
 
 
-def machine_error(error: OSError | MemoryError) -> str:
+def machine_error(error: Exception) -> str:
     """Message on an error of the machine that no user's input causes; empty for any other error."""
-    if isinstance(error, MemoryError):
-        return "there is not enough memory. Give fewer or shorter logs, or close other programs."
+    if isinstance(error, MemoryError) or any(sign in str(error) for sign in _NO_MEMORY):
+        return (
+            "there is not enough memory. rovid needs about 1 GB, and more for many hours of logs. Close other "
+            "programs, raise the limit (ulimit -v, or that of the container), or give fewer or shorter logs."
+        )
+    if not isinstance(error, OSError):
+        return ""
     if error.errno == errno.ENAMETOOLONG:
         return f"{display_text(error.filename)}: there is no such file or folder, because the name is too long."
-    if error.errno == errno.ENOMEM:
-        return machine_error(MemoryError())
     if error.errno in _OUTPUT_ERRORS and error.filename is None:
         return f"the output cannot be written: {error.strerror}. Free some space, or write it elsewhere."
     if isinstance(error, FileNotFoundError) and not _has_working_folder():

@@ -37,12 +37,15 @@ from rovid.trial.trial import Trial
 _TEXTS = TextTemplates(__file__, "gazebo")
 
 _NEWTONS = (
-    "Thruster takes newtons: convert commands by the curves in the comments, which hold the effects of the curve."
+    "Thruster takes newtons, on the topic /model/MODEL/joint/NAME_joint/cmd_thrust: convert commands by the curves in "
+    "the comments, which hold the effects of the curve."
 )
 # s, integration steps of gz-sim with DART (semi-implicit Euler) and of VRX's worlds.
 _GZ_STEP, _VRX_STEP = 0.001, 0.004
 # VRX: default limit of a hydrodynamic force in N or torque in N m, and its limit relative to the largest drag in logs.
 _EFFORT, _EFFORT_FACTOR = 10_000.0, 10.0
+# kg/m^3, density of fresh water.
+_WATER = 1000.0
 # Number of points of a curve behind a dead band.
 _POINTS = 20001
 _ROWS, _VELOCITIES = "xyn", "UVR"
@@ -157,7 +160,9 @@ def _model(
             )
     fluid = "".join(f"<{key}>{value:.10g}</{key}>" for key, value in added.items())
     lines = [f"      <{key}>{one if isinstance(one, str) else f'{one:.10g}'}</{key}>\n" for key, one in terms.items()]
+    sinks = _TEXTS["sinks"].format(volume=subject.mass / _WATER, system=_TEXTS[f"buoyancy_{name}"])
     content = _TEXTS["model"].format(
+        sinks=sinks,
         mark=export_mark(name),
         words=xml_comment(vehicle.name),
         title=subject.title,
@@ -174,7 +179,7 @@ def _model(
         simulate=simulation(subject, equation, units),
         equation=equation,
         kept_effects=subject.curve_keys,
-        notes=(*subject.frame_notes, _NEWTONS, *notes),
+        notes=(sinks, *subject.frame_notes, _NEWTONS, *notes),
     )
 
 

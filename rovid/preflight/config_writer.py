@@ -271,7 +271,10 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
     yield "[signals]"
     clocks = {kind: clock for kind, clock in survey.clock_sources.items() if clock and kind in survey.mappings}
     if clocks:
-        yield f"time = {inline_table(clocks)}"
+        if survey.unit_reason:
+            yield f"# {survey.unit_reason}"
+        entries = clocks | ({} if survey.time_unit == "auto" else {"unit": survey.time_unit})
+        yield f"time = {inline_table(entries)}"
     for name, guesses in _by_name({kind: one.signals for kind, one in survey.mappings.items()}).items():
         yield from _reasons(guesses)
         yield f"{toml_key(name)} = {_source_table(guesses)}"

@@ -17,6 +17,7 @@ from rovid.preflight.command_effects import response_delay
 from rovid.preflight.raw_columns import RawColumn, is_thruster_command, word_list
 from rovid.preflight.signal_guess import ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints
+from rovid.readers.build_trial import MAX_INTERVAL
 from rovid.readers.csv_dialect import read_layout
 from rovid.readers.formats import READERS
 from rovid.readers.message_fields import split_fields
@@ -30,6 +31,8 @@ from rovid.trial.vehicle import Vehicle
 
 # Maximum number of logs of each format that are read; decision: the logs of one campaign are alike.
 _MAX_LOGS = 12
+# Units of time in s, other than s.
+_FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Maximum number of lines about unreadable parts of one log.
 _MAX_PROBLEMS = 3
 _THRUST = word_list("thruster", "thrust")
@@ -48,6 +51,7 @@ class LogsRead:
     #: ``clocks``, ``file_clocks``: format -> source of the clock in most logs, empty if the format has a clock of its
     #: own; name of a log -> the same.
     clocks: dict[str, str] = field(default_factory=dict)
+    time_units: dict[str, str] = field(default_factory=dict)  #: Units of the clocks, each with the reason of a guess.
     file_clocks: dict[str, str] = field(default_factory=dict)
     parameters: dict[str, dict[str, float]] = field(default_factory=dict)  #: Format -> parameters of the autopilot.
     problems: list[str] = field(default_factory=list)
@@ -55,11 +59,15 @@ class LogsRead:
 
 
 def read_logs(
-    paths: Sequence[Path], axis: Axis = YAW, headings: Sequence[str] = (), commands: Sequence[str] = ()
+    paths: Sequence[Path],
+    axis: Axis = YAW,
+    headings: Sequence[str] = (),
+    commands: Sequence[str] = (),
+    time_unit: str = "auto",
 ) -> LogsRead:
     """Read the first dozen logs of each format in ``paths``, and join their files for motion along ``axis``.
 
-    ``headings`` and ``commands`` are sources that the user named.
+    ``headings`` and ``commands`` are sources that the user named, ``time_unit`` the unit of the time.
     """
     read = LogsRead(folder=folder_of(paths))
     for path in log_files(paths, read.problems):
@@ -73,7 +81,7 @@ def read_logs(
             read.problems.append(f"{path}: {text}")
             continue
         try:
-            contents, columns, unreadable = read_columns(path)
+            contents, columns, unreadable = read_columns(path, time_unit)
         except RovidError as error:
             read.problems.append(str(error))
             continue
@@ -82,6 +90,8 @@ def read_logs(
         name = path.relative_to(read.folder).as_posix() if path.is_relative_to(read.folder) else path.name
         read.names.setdefault(kind, []).append(name)
         read.file_clocks[name] = contents.clock
+        if contents.clock:
+            read.time_units[contents.time_unit] = contents.unit_reason
         logs.append(columns)
     for kind, names in read.names.items():
         [(read.clocks[kind], _)] = Counter(read.file_clocks[name] for name in names).most_common(1)
@@ -139,8 +149,11 @@ def _unnamed_curve(path: Path) -> tuple[str, ...]:
     return names if is_curve else ()
 
 
-def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[str]]:
+def read_columns(path: Path, time_unit: str = "auto") -> tuple[LogContents, dict[str, RawColumn], list[str]]:
     """Contents of a log, all of its columns by source, and texts on its unreadable parts.
+
+    If the readings are too far apart by ``time_unit`` auto, the contents name the unit in which they come at 2 to
+    200 Hz.
 
     Raises RovidError if the log cannot be read, or holds no numbers.
     """
@@ -158,7 +171,7 @@ def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[st
     complete_config = Config(
         path=path,
         vehicle=Vehicle(name="", thrusters=()),
-        time=Signal(name="time", sources=clock, unit="auto"),
+        time=Signal(name="time", sources=clock, unit=time_unit),
         signals=signals,
         commands=(),
         measured_signal=next(iter(signals)),
@@ -174,6 +187,15 @@ def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[st
             columns[channel.source] = RawColumn(
                 source=channel.source, time=channel.time[known], values=values[known], radians=channel.radians
             )
+    intervals = [float(np.median(np.diff(column.time))) for column in columns.values() if len(column.time) > 1]
+    interval, fitting = min(intervals, default=0.0), ("auto", 1.0)
+    if contents.clock and time_unit == "auto" and interval > MAX_INTERVAL:
+        fitting = next((one for one in _FINER.items() if 5e-3 <= interval * one[1] <= 0.5), fitting)
+    contents = replace(contents, time_unit=time_unit)
+    if (unit := fitting[0]) != "auto":
+        text = f"readings are {interval:.4g} apart, {interval * fitting[1]:.4g} s in {unit}; please check"
+        contents = replace(contents, time_unit=unit, unit_reason=f"unit guessed: {text}")
+        columns = {name: replace(column, time=fitting[1] * column.time) for name, column in columns.items()}
     skipped = [remark.text for remark in raw.remarks if remark.kind == "skipped"]
     texts = list(dict.fromkeys((*contents.unreadable, *skipped)))
     more = len(texts) - _MAX_PROBLEMS

@@ -99,6 +99,9 @@ class LogSurvey:
     folder: Path
     mappings: Mapping[str, ColumnMapping]  #: Format -> contents of its columns.
     clock_sources: Mapping[str, str]  #: Format -> source of the clock, empty if the format has a clock of its own.
+    #: ``time_unit``, ``unit_reason``: unit of the clocks, auto if it follows from the column; reason of a guess.
+    time_unit: str
+    unit_reason: str
     curve: str  #: Name of the thrust curve in the folder; empty without commands.
     new_curve: ThrustCurve | None  #: Curve to write under that name; None if the file exists.
     curve_guessed: bool  #: Whether the curve is a guess.
@@ -194,12 +197,15 @@ def survey_read_logs(
     planar = _planar(read, mappings) if options.axis is YAW else {}
     if not commands and options.planar and (largest := max((one.propeller[1] for one in planar.values()), default=0.0)):
         curve = _measured_curve(read.folder, largest, largest, read.problems)
+    [(unit, reason)] = read.time_units.items() if len(read.time_units) == 1 else [("auto", "")]
     measured = [mapping.measured for mapping in mappings.values() if mapping.signals]
     return LogSurvey(
         folder=read.folder,
         axis=options.axis,
         mappings=mappings,
         clock_sources=read.clocks,
+        time_unit=unit,
+        unit_reason=reason,
         curve=curve,
         new_curve=new_curve,
         curve_guessed=is_guess or (profile_guessed and new_curve is not None),
@@ -209,6 +215,7 @@ def survey_read_logs(
         logs=sum(map(len, read.logs.values())),
         warnings=(
             *dict.fromkeys(read.problems),
+            *([f"time: {reason}."] * bool(reason)),
             *(f"{one.source} is taken for the heading: {one.reason}." for one in measured if UNNAMED in one.reason),
             *(command.contradiction for command in commands if command.contradiction),
             *(remark for mapping in mappings.values() for remark in mapping.remarks),

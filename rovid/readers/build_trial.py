@@ -49,7 +49,7 @@ _TILTS = ("roll", "pitch")
 _Data = TypeVar("_Data", ClockData, ClocksData, SignalData, CommandData, TrialData)
 _MIN_READINGS = 10
 # s; median intervals outside these limits show no dynamics: the unit of time is probably wrong.
-_MAX_INTERVAL, _MIN_INTERVAL = 10.0, 2e-4
+MAX_INTERVAL, _MIN_INTERVAL = 10.0, 2e-4
 _LATE_START = 1.0  # s; a later start of the trial is remarked upon.
 
 
@@ -263,8 +263,8 @@ class _Builder:
 
     def check_interval(self, time: FloatArray) -> None:
         interval = subsampled_median(np.diff(time))
-        is_slow_by_unit = interval > _MAX_INTERVAL and self.config.time.unit != "auto"
-        if _MIN_INTERVAL <= interval <= _MAX_INTERVAL or is_slow_by_unit:
+        is_slow_by_unit = interval > MAX_INTERVAL and self.config.time.unit != "auto"
+        if _MIN_INTERVAL <= interval <= MAX_INTERVAL or is_slow_by_unit:
             return
         clock = self.raw.channels[self.measured_signal].clock
         raise self.error(

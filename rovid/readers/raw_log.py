@@ -59,6 +59,8 @@ class LogContents:
     """Readable contents of a log."""
 
     clock: str = ""  #: Source of the time; empty where the format has its own clock.
+    time_unit: str = "auto"  #: Unit of the clock; "auto": by its name or size.
+    unit_reason: str = ""  #: Reason of a guessed unit.
     sources: tuple[str, ...]  #: All other sources.
     unreadable: tuple[str, ...] = ()  #: Contents that cannot be read, each with the reason.
     parameters: Mapping[str, float] = field(default_factory=dict)  #: Parameters of the autopilot that wrote the log.

@@ -266,8 +266,8 @@ CLOCK_WORDS = word_set(
     hora tid klokkeslett tidsstempel tempo orario ora"""
 )
 HEADING_WORDS = word_set(
-    """heading hdg yaw psi compass kurs steuerkurs kompass gier gierwinkel cap lacet azimuth azimut rumbo guinada
-    guiñada gir girvinkel stevning prua bussola"""
+    """heading hdg hdt hdm yaw psi compass kurs steuerkurs kompass gier gierwinkel cap lacet azimuth azimut rumbo
+    guinada guiñada gir girvinkel stevning prua bussola"""
 )
 YAW_RATE_WORDS = word_set(
     """gierrate drehrate giergeschwindigkeit wendegeschwindigkeit yawrate yawspeed giration girrate svingerate giro

@@ -54,6 +54,19 @@ def test_choices_appear_in_the_file(tmp_path: Path) -> None:
     assert run_rovid("check", tmp_path / "day", "--json").document == checked["document"]
 
 
+def test_the_unit_of_the_time_is_a_choice(tmp_path: Path) -> None:
+    folder = logs_into(tmp_path / "day", "hold_03.csv")
+    text = (folder / "hold_03.csv").read_text().replace("time_s", "tick", 1)
+    (folder / "hold_03.csv").write_text(text)
+    one = desk(tmp_path)
+    assert 'time = { csv = "tick" }' in one.draft(chosen())["text"]
+    assert 'time = { csv = "tick", unit = "ms" }' in one.draft(chosen(time_unit="ms"))["text"]
+    spans = [one.columns("day/hold_03.csv", [], -1e9, 1e9, 10, time_unit=unit)["end"] for unit in ("auto", "ms")]
+    assert spans[1] == pytest.approx(1e-3 * spans[0])
+    with pytest.raises(RovidError, match="invalid choice"):
+        one.draft(chosen(time_unit="h"))
+
+
 def test_surge_sway_and_yaw_can_be_taken_together(tmp_path: Path) -> None:
     (tmp_path / "day").mkdir()
     for name in ("run_01.csv", "curve_main.csv"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import subprocess
@@ -64,16 +65,31 @@ def test_an_impossible_width_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None
         assert os.environ.get("COLUMNS") == kept
 
 
-def test_too_little_memory_is_one_message(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        OSError(errno.ENOMEM, os.strerror(errno.ENOMEM), "a.csv"),
+        ImportError("_sparsetools.so: failed to map segment from shared object"),
+        RuntimeError("can't start new thread"),
+    ],
+)
+def test_too_little_memory_is_one_message(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def fails(**_: object) -> None:
-        raise MemoryError
+        raise error
 
     monkeypatch.setattr("rovid.cli.cli._command", lambda: fails)
     with pytest.raises(SystemExit) as stopped:
         main()
     assert stopped.value.code == 2
     assert capsys.readouterr().err.startswith("rovid: there is not enough memory.")
-    assert not machine_error(OSError(1, "of another kind"))
+
+
+def test_other_errors_are_not_taken_for_a_lack_of_memory() -> None:
+    for error in (OSError(1, "of another kind"), ImportError("No module named 'x'"), RuntimeError("a fault of rovid")):
+        assert not machine_error(error)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux alone")

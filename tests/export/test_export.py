@@ -494,8 +494,15 @@ def test_formats_with_rovids_equation_keep_every_effect(fitted: Path, tmp_path: 
 
 
 def test_signs_are_those_of_each_simulator(fitted: Path, tmp_path: Path) -> None:
-    files = {name: exported(name, fitted, tmp_path, f"_{name}")[1] for name in ("gz-sim", "vrx", "uuv")}
+    made = {name: exported(name, fitted, tmp_path, f"_{name}") for name in ("gz-sim", "vrx", "uuv")}
+    files = {name: file for name, (_, file) in made.items()}
     text = {name: file.read_text() for name, file in files.items()}
+    # Without buoyancy the vehicle sinks: the first note and the file give the volume, of water of 1000 kg/m^3.
+    for name, system in (("gz-sim", "Buoyancy system"), ("vrx", "PolyhedraBuoyancyDrag")):
+        sinks = made[name][0]["warnings"][0]
+        assert "2.604 m^3" in sinks
+        assert system in sinks
+        assert f"<!-- {sinks} -->" in text[name]
     drag = read_parameters(fitted).entries["quadratic_drag"].value
     assert f"<nRabsR>{-drag:.10g}</nRabsR>" in text["gz-sim"]
     assert "<nDotR>" not in text["gz-sim"]

@@ -13,6 +13,7 @@ from rovid.preflight.config_writer import assumptions_in, config_files
 from rovid.preflight.log_reading import read_logs
 from rovid.preflight.log_survey import CHOSEN, LogSurvey, SurveyOptions, UserOverrides, survey, survey_read_logs
 from rovid.preflight.raw_columns import SignalGuess
+from rovid.readers.campaign import read_campaign
 from rovid.trial.config import load_config
 from rovid.trial.cutting import Exclusion
 from tests.app.conftest import logs_into
@@ -160,3 +161,18 @@ def test_a_curve_with_other_names_is_no_log(tmp_path: Path, rovid: Rovid) -> Non
     assert done.code == 0, done.err
     assert "a_curve.csv: has the columns pwm_us and thrust_N, as a thrust curve has" in " ".join(done.out.split())
     assert load_config(tmp_path / "rovid.toml").time.sources == {"csv": "Timestamp"}
+
+
+@pytest.mark.parametrize(("ticks", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_the_unit_of_a_clock_is_guessed_if_seconds_are_impossible(ticks: float, unit: str, tmp_path: Path) -> None:
+    frame = pd.DataFrame({"tick": (ticks * TIME).astype(np.int64), "heading_deg": heading(), "fore_cmd": np.sin(TIME)})
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    surveyed = survey([tmp_path])
+    assert any("please check" in text for text in surveyed.warnings)
+    config = load_config(write(surveyed))
+    assert config.time.unit == unit
+    [trial] = read_campaign([tmp_path], config).trials
+    assert trial.duration == pytest.approx(TIME[-1], rel=1e-6)
+    # Where several units are possible, there is no guess.
+    frame.assign(tick=np.arange(len(TIME)) * 3000).to_csv(tmp_path / "log.csv", index=False)
+    assert survey([tmp_path]).time_unit == "auto"

@@ -231,7 +231,9 @@ def test_an_error_or_an_order_is_no_heading(name: str) -> None:
     assert alone.missing == ("heading",)
 
 
-@pytest.mark.parametrize("name", ["heading", "heading_deg", "true_heading", "yaw", "imu_yaw", "hdg", "psi", "ATT.Yaw"])
+@pytest.mark.parametrize(
+    "name", ["heading", "heading_deg", "true_heading", "yaw", "imu_yaw", "hdg", "HDT", "psi", "ATT.Yaw"]
+)
 def test_measured_headings_are_headings(name: str) -> None:
     assert map_columns([log(**{name: turned(COMMAND), "fore_cmd": COMMAND})]).signals["heading"].source == name
 

@@ -16,7 +16,7 @@ let look = null; // the server's description of these logs
 let columns = new Map(); // "format|source" -> {kind, source, role, name, unit, sign}
 // name -> {x, y, angle, arm, hand, placed}; hand: whether the user gave the arm, placed: with position and direction
 let thrusters = new Map();
-let vehicle = "", title = "", size = {}, stretches = [];
+let vehicle = "", title = "", size = {}, stretches = [], timeUnit = "auto";
 let draft = null, checked = null, saved = false, running = false;
 // Logs of this size in bytes are read as a whole before the first plot; of larger ones, the first log is read ahead.
 const SMALL = 4e6;
@@ -59,7 +59,7 @@ function clear() {
   [look, draft, checked, saved, logs] = [null, null, null, false, []];
   columns = new Map();
   thrusters = new Map();
-  [vehicle, title, size, stretches, shownColumns] = ["", "", {}, [], []];
+  [vehicle, title, size, stretches, shownColumns, timeUnit] = ["", "", {}, [], [], "auto"];
   for (const id of ["rows", "check-said", "check-more", "run-steps", "run-warnings", "leave-list", "not-read", "senses", "commands", "toml", "log", "leave-log"]) byId(id).replaceChildren();
   for (const id of ["logs-found", "columns-said", "span", "curve", "save-words", "save-said", "run-said", "run-now", "run-error"]) byId(id).textContent = "";
   for (const id of ["run-error", "run-progress", "axes"]) byId(id).hidden = true;
@@ -125,6 +125,7 @@ function recall(chosen) {
   if (!chosen) return;
   if (chosen.axes === "planar") document.querySelector("input[name=axes][value=planar]").checked = true;
   [vehicle, title, size, stretches] = [chosen.vehicle ?? "", chosen.name ?? "", chosen.size ?? {}, chosen.leave_out ?? []];
+  timeUnit = chosen.time_unit ?? "auto";
   for (const [name, place] of Object.entries(chosen.places ?? {})) thrusters.set(name, place);
   for (const [kind, those] of Object.entries(chosen.signals ?? {})) {
     for (const [name, { source, unit, sign }] of Object.entries(those)) put(kind, source, name, { unit, sign });
@@ -147,7 +148,7 @@ function put(kind, source, role, more = {}) {
 const planar = () => document.querySelector("input[name=axes]:checked").value === "planar";
 
 function choice({ asGuessed = false, of = logs } = {}) {
-  const document = { logs: of, vehicle, name: title, size, leave_out: stretches, places: Object.fromEntries(thrusters), axes: planar() ? "planar" : "" };
+  const document = { logs: of, vehicle, name: title, size, time_unit: timeUnit, leave_out: stretches, places: Object.fromEntries(thrusters), axes: planar() ? "planar" : "" };
   if (asGuessed) return { ...document, signals: null, commands: null };
   const signals = {}, commands = {};
   for (const { kind, source, role, name, unit, sign } of columns.values()) {
@@ -233,6 +234,7 @@ const plots = new Plots(byId("rows"), {
   },
   stretches: () => stretches.filter(({ log }) => current() && isOf(current().name, log)).map(({ from, to }) => [from, to ?? Infinity]),
   needed: () => [...columns.values()].filter(({ role }) => role === "heading" || role === "command").sort((a) => (a.role === "heading" ? -1 : 1)).map(({ source }) => source),
+  timeUnit: () => timeUnit,
   heading: () => [...columns.values()].find(({ role, kind }) => role === "heading" && kind === current()?.kind),
 });
 let shownColumns = [];
@@ -344,6 +346,11 @@ function nameFor(source) {
 
 byId("log").addEventListener("change", openLog);
 byId("which").addEventListener("change", listColumns);
+byId("time-unit").addEventListener("change", () => {
+  timeUnit = byId("time-unit").value;
+  changed();
+  return openLog();
+});
 for (const each of document.querySelectorAll("input[name=drag]")) {
   each.addEventListener("change", () => byId("signals").classList.toggle("leaves", each.value === "leave"));
 }
@@ -708,6 +715,7 @@ function targetOf(text) {
   const named = (word) => new RegExp(`(^|[^\\p{L}\\p{N}_])${word.replace(/[.*+?^${}()|[\]\\]/g, "\\$&")}($|[^\\p{L}\\p{N}_])`, "u").test(text);
   const column = [...columns.values()].find(({ source }) => source.length > 1 && named(source));
   if (column) return { words: column.source, step: "signals", at: () => roleField(column.source) };
+  if (text.includes("[signals] time")) return { words: "the unit of the time", step: "signals", at: "time-unit" };
   const log = look.logs.find(({ name }) => named(name));
   if (log) {
     return { words: log.name, step: "signals", at: () => {
@@ -798,7 +806,8 @@ function show() {
     byId(what).value = size[what] ?? "";
     byId(what).placeholder = sizeOf(what) ?? "not known";
   }
-  for (const id of ["type", "name", ...SIZES]) byId(id).disabled = Boolean(theirs());
+  for (const id of ["type", "name", "time-unit", ...SIZES]) byId(id).disabled = Boolean(theirs());
+  showTimeUnit();
   showThrusters();
   if (shownColumns.length) for (const row of document.querySelectorAll("#rows .row")) {
     const { source } = row.querySelector(".chart").dataset, text = why(current().kind, source);
@@ -824,6 +833,14 @@ function show() {
     return [element("dt", what), value];
   }));
   headlines();
+}
+
+// The unit of a time column: as its name or its values show, or as chosen.
+function showTimeUnit() {
+  const { time } = draft.survey, guessed = time?.why ? `${time.unit} (a guess)` : "the unit of its column";
+  byId("time-label").hidden = !time;
+  byId("time-unit").replaceChildren(...["auto", "s", "ms", "us", "ns"].map((unit) => element("option", unit === "auto" ? guessed : unit, null, { value: unit })));
+  byId("time-unit").value = timeUnit;
 }
 
 // ---- start

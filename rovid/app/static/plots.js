@@ -7,8 +7,8 @@ const HEIGHT = 104;
 export class Plots {
   // `picked(from, to)` is called for an interval dragged in the mode "leave out"; the intervals `stretches()` are shaded.
   // The column `heading()` is shown without jumps of whole turns.
-  constructor(stage, { picked, stretches, needed, heading }) {
-    Object.assign(this, { stage, picked, stretches, needed, heading, charts: new Map(), data: new Map(), view: null, whole: [0, 1] });
+  constructor(stage, { picked, stretches, needed, heading, timeUnit }) {
+    Object.assign(this, { stage, picked, stretches, needed, heading, timeUnit, charts: new Map(), data: new Map(), view: null, whole: [0, 1] });
     this.seen = new IntersectionObserver((entries) => {
       for (const { target, isIntersecting } of entries) if (isIntersecting) this.draw(target);
     }, { rootMargin: "300px" });
@@ -30,6 +30,7 @@ export class Plots {
     const { source = "", unit = "" } = this.heading() ?? {};
     asked.set("heading", source);
     asked.set("unit", unit);
+    asked.set("time_unit", this.timeUnit());
     if (this.view) {
       asked.set("from", this.view[0]);
       asked.set("to", this.view[1]);

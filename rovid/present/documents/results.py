@@ -221,6 +221,7 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> fits.Document
         "logs": survey.logs,
         "vehicle": None if survey.profile is None else {"type": survey.profile.id, "guessed": survey.profile_guessed},
         "curve": {"file": survey.curve or None, "guessed": survey.curve_guessed},
+        "time": {"unit": survey.time_unit, "why": survey.unit_reason} if any(survey.clock_sources.values()) else None,
         "joined": None if survey.join is None else list(survey.join.parts),
         "clocks": list(map(_clock_document, survey.clock_offsets.offsets)),
         "signals": signals,

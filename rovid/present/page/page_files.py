@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import date
+from html import unescape
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from rovid.core.errors import ConfigError, OutputError, escape_invisible
+from rovid.core.errors import NAME_LENGTH, ConfigError, OutputError, display_text, escape_invisible
 from rovid.core.formatting import plus_minus
 from rovid.core.output_files import PAGE, OutputFile, OutputSet, pdf_signature, plot_mark, png_signature, svg_signature
 from rovid.present.console import bind_units
@@ -40,6 +41,8 @@ _PLACES = (
     r"C:\Program Files\Google\Chrome\Application\chrome.exe",
     r"C:\Program Files (x86)\Microsoft\Edge\Application\msedge.exe",
 )
+# Characters of a page that hold its title, and the name of the vehicle in it.
+_HEAD, _TITLE = 4000, re.compile(r"<title>(.*): [^:<]*</title>")
 _TIMEOUT = 180.0  # s; enough for a large page on a busy machine
 # Entry of a PDF that names the program which made it; its text may contain escaped brackets.
 _MADE_BY = re.compile(rb"/(Creator|Producer) \(((?:\\.|[^\\()])*)\)")
@@ -221,6 +224,22 @@ def existing_plots(folder: Path) -> list[OutputFile]:
 def pdf_output(folder: Path) -> OutputFile:
     """The page of ``folder`` as PDF."""
     return OutputFile(folder / "report.pdf", pdf_signature("report"))
+
+
+def require_same_vehicle(folder: Path, name: str) -> None:
+    """Refuse to replace the report of another vehicle than ``name`` in ``folder``, with an OutputError."""
+    page, name = folder / "index.html", escape_invisible(name)
+    if not page.is_file() or not PAGE.matches(page):
+        return
+    with page.open(encoding="utf-8", errors="replace") as file:
+        title = _TITLE.search(file.read(_HEAD))
+    before = unescape(title[1]) if title else name
+    if before != name:
+        raise OutputError(
+            f"is the report of another vehicle, {display_text(before, NAME_LENGTH)!r}.",
+            where=page,
+            mend=f"Keep both with another folder, as -o {folder}_2, or replace it with --force.",
+        )
 
 
 def claim_page(folder: Path, plot: str, *, force: bool, protected: Iterable[Path]) -> OutputSet:

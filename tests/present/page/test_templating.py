@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
 from markupsafe import Markup
 
-from rovid.present.page.page_files import read_assets, template_environment
+from rovid.present.page.page_files import read_assets, require_same_vehicle, template_environment
+from tests.conftest import SAMPLES, Rovid
 
 
 def test_text_from_elsewhere_is_shown_for_what_it_is() -> None:
@@ -26,3 +30,21 @@ def test_the_library_comes_with_its_licence_and_fits_into_a_page() -> None:
     assert "<!--" not in assets.script
     assert "url(" not in assets.style
     assert "@import" not in assets.style
+
+
+def test_the_report_of_another_vehicle_is_not_replaced(
+    tmp_path: Path, rovid: Rovid, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = tmp_path / "report" / "index.html"
+    page.parent.mkdir()
+    text = '<meta name="generator" content="rovid 1.0">\n<title>A &amp; B: C: yaw dynamics</title>'
+    page.write_text(text)
+    answer = rovid("report", SAMPLES / "rosub_hidden" / "hold_03.csv", "--no-diagnosis")
+    assert answer.code == 2
+    assert "is the report of another vehicle, 'A & B: C'" in answer.err
+    assert "-o report_2" in answer.err
+    assert page.read_text() == text
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["report"]
+    # The same vehicle's own report is replaced.
+    require_same_vehicle(page.parent, "A & B: C")
