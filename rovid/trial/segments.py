@@ -75,6 +75,9 @@ _GROWS, _CUT_SHORT = 1.1, 0.6
 # Share of the largest tilt below which the vehicle counts as at rest.
 _AT_REST = 0.05
 _MIN_HALF_SWINGS = 4
+# Share of the largest tilt that a tilt held by hand exceeds. A free cosine falls to it in 0.4 of the time that it takes
+# from there to the middle, a swing of 90 deg in 0.5: with more than this ratio the vehicle was held. Decisions.
+_LET_GO, _HELD = 0.9, 0.55
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -230,10 +233,14 @@ def _fit_sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycle
 
 
 def find_releases(trial: Trial) -> list[slice]:
-    """Rows of each free swing: from a largest tilt until the swings grow again or are cut short by hand."""
+    """Rows of each free swing: from a largest tilt until the swings grow again or are cut short by hand.
+
+    A tilt that is held before the release is left out.
+    """
     known = np.flatnonzero(trial.measured)
     tilt = trial.position[known] - np.median(trial.position[known])
-    peaks = [begin + int(np.argmax(np.abs(tilt[begin:end]))) for begin, end in _half_swings(tilt)]
+    swings = _half_swings(tilt)
+    peaks = [begin + int(np.argmax(np.abs(tilt[begin:end]))) for begin, end in swings]
     # A wrong level makes one side larger than the other, so each half swing is compared with those on its own side.
     sizes = np.concatenate(([0.0, 0.0], np.abs(tilt[peaks])))
     found = list[slice]()
@@ -241,8 +248,16 @@ def find_releases(trial: Trial) -> list[slice]:
     while k < len(peaks):
         first, k = k, _end_of_decay(sizes, k)
         if k - first >= _MIN_HALF_SWINGS:
-            found.append(slice(int(known[peaks[first]]), int(known[peaks[k - 1]]) + 1))
+            begin = _let_go(trial.time[known], np.abs(tilt), peaks[first], swings[first][1])
+            found.append(slice(int(known[begin]), int(known[peaks[k - 1]]) + 1))
     return found
+
+
+def _let_go(time: FloatArray, size: FloatArray, peak: int, end: int) -> int:
+    """Row of the peak of the half swing before row ``end``; if its tilt was held, the last row before it falls."""
+    high, last = (peak + int(np.flatnonzero(size[peak:end] > s * size[peak])[-1]) for s in (_LET_GO, _AT_REST))
+    is_held = time[high] - time[peak] > _HELD * (time[last] - time[high])
+    return high if is_held else peak
 
 
 def _end_of_decay(sizes: FloatArray, first: int) -> int:

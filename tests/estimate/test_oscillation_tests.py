@@ -264,6 +264,18 @@ def test_a_log_is_used_from_each_release_on() -> None:
     assert tilt[found[1]].size > 300
 
 
+@pytest.mark.parametrize("seconds", [0.5, 5.0])
+def test_a_tilt_held_before_the_release_is_left_out(seconds: float) -> None:
+    free = swings(0.3, 40.0)
+    count = round(seconds / 0.05)
+    tilt = np.concatenate((np.full(count, free[0]), free))
+    noise = np.random.default_rng(3).normal(0.0, 1e-3, len(tilt))
+    (part,) = find_releases(log_of(tilt + noise))
+    assert count - 2 <= part.start < count + 12  # at 90 % of the tilt at the latest
+    (alone,) = find_releases(log_of(free))
+    assert alone.start == 0
+
+
 def test_swings_that_are_held_up_end_a_release() -> None:
     tilt = swings(0.3, 60.0)
     held = np.where(np.arange(len(tilt)) < 600, tilt, LEVEL + 0.2 * (tilt - LEVEL))
