@@ -3,7 +3,7 @@
 import difflib
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import islice
 from types import MappingProxyType
 
@@ -27,17 +27,14 @@ def is_visible(character: str) -> bool:
     return character in _JOINERS or unicodedata.category(character) not in _INVISIBLE
 
 
-def escape_invisible(text: str) -> str:
-    """``text`` with an escape, as in `repr`, in place of each invisible character."""
+def escape_invisible(
+    text: str, escape: Callable[[str], str] = lambda one: one.encode("unicode_escape").decode()
+) -> str:
+    """``text`` with an ``escape``, by default as in `repr`, in place of each invisible character."""
+    # Most texts need nothing, and looking at each character takes long.
     if text.isprintable():
         return text
-    return "".join(map(_escaped, text))
-
-
-def _escaped(character: str) -> str:
-    if is_visible(character):
-        return character
-    return character.encode("unicode_escape").decode()
+    return "".join(one if is_visible(one) else escape(one) for one in text)
 
 
 def display_text(text: object, length: int = NAME_LENGTH) -> str:

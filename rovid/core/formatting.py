@@ -15,7 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from rovid.core.errors import LINE_LENGTH, display_text, escape_invisible, is_visible
+from rovid.core.errors import LINE_LENGTH, display_text, escape_invisible
 
 # Characters; MATLAB's limit for a field's name, the narrowest of all formats with identifiers.
 _MAX_LENGTH = 63
@@ -37,20 +37,7 @@ def decoded(text: str) -> str:
 
 def json_lines(text: str) -> str:
     """A JSON document with JSON escapes for the invisible characters in its strings."""
-    return "\n".join(map(_json_line, text.split("\n")))
-
-
-def _json_line(line: str) -> str:
-    # Most lines need nothing, and looking at each character takes long.
-    if line.isprintable():
-        return line
-    return "".join(map(_json_character, line))
-
-
-def _json_character(character: str) -> str:
-    if is_visible(character):
-        return character
-    return json.dumps(character)[1:-1]
+    return "\n".join(escape_invisible(line, lambda character: json.dumps(character)[1:-1]) for line in text.split("\n"))
 
 
 def xml_attribute(text: str) -> str:
@@ -70,7 +57,8 @@ def _xml_text(text: str) -> str:
 
 def toml_text(text: str) -> str:
     """A quoted string for TOML and for YAML, which have the same escapes."""
-    return f'"{"".join(map(_toml_character, encodable(text)))}"'
+    quoted = re.sub(r'(["\\])', r"\\\1", encodable(text))
+    return f'"{escape_invisible(quoted, _toml_escape)}"'
 
 
 def toml_key(text: str) -> str:
@@ -78,11 +66,7 @@ def toml_key(text: str) -> str:
     return text if text.isascii() and text.isidentifier() else toml_text(text)
 
 
-def _toml_character(character: str) -> str:
-    if character in '"\\':
-        return "\\" + character
-    if is_visible(character):
-        return character
+def _toml_escape(character: str) -> str:
     code = ord(character)
     return f"\\u{code:04X}" if code < 0x10000 else f"\\U{code:08X}"
 

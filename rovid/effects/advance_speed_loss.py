@@ -56,13 +56,7 @@ def _across(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> Float
 
 
 _COEFFICIENT = EffectParameter(
-    name="coefficient",
-    unit="N^0.5 s/m",
-    neutral=0.0,
-    low=0.0,
-    high=2.0,
-    initial_values=(0.05,),
-    scale="torque/wash/rate",
+    name="coefficient", unit="N^0.5 s/m", high=2.0, initial_values=(0.05,), scale="torque/wash/rate"
 )
 
 EFFECT: Effect = Effect(

@@ -19,9 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
-from rovid.jit.decorators import compiled
-from rovid.jit.simd import maximum, minimum, where_nonnegative
+from rovid.effects import actuator_inputs
+from rovid.jit import decorators, simd
 
 # Room for parameters and states of each term.
 TERM_PARAMETERS = 4
@@ -30,42 +29,15 @@ TERM_STATES = 2
 Numbers = tuple[float, ...]
 # Parameter values of an effect by name.
 Values = Mapping[str, float]
+ActuatorInputs = actuator_inputs.ActuatorInputs
 # (trials, series, parameter values) -> series.
 OnSeries = Callable[[ActuatorInputs, FloatArray, Values], FloatArray]
 # (parameter values, largest change of a command) -> s after the change.
 Settling = Callable[[Values, float], float]
-__all__ = [
-    "INSTANT",
-    "REFERENCE_RATE",
-    "SPEEDS",
-    "TERM_PARAMETERS",
-    "TERM_STATES",
-    "UNTIL",
-    "Acts",
-    "Actuating",
-    "ActuatorInputs",
-    "Body",
-    "Coupling",
-    "Effect",
-    "EffectParameter",
-    "Instant",
-    "Numbers",
-    "OnCommand",
-    "OnHeading",
-    "OnThrust",
-    "OnTorque",
-    "Scales",
-    "Term",
-    "Values",
-    "WaterCurrent",
-    "WaveTorque",
-    "canonical_phases",
-    "compiled",
-    "drag",
-    "maximum",
-    "minimum",
-    "where_nonnegative",
-]
+# For the files of effects.
+SPEEDS = actuator_inputs.SPEEDS
+compiled = decorators.compiled
+maximum, minimum, where_nonnegative = simd.maximum, simd.minimum, simd.where_nonnegative
 # rad/s; at this rate all forms of an effect agree, and have the time constant that is given.
 REFERENCE_RATE = 0.3
 # Relative step of a difference quotient, above which the likelihood is taken to be piecewise constant.
@@ -231,9 +203,9 @@ class EffectParameter:
 
     name: str
     unit: str
-    neutral: float  #: Value without the effect.
+    neutral: float = 0.0  #: Value without the effect.
     #: ``low``, ``high``: physical bounds, in ``unit`` times the scale.
-    low: float
+    low: float = 0.0
     high: float
     initial_values: tuple[float, ...]  #: Initial values of fits, in ``unit`` times the scale.
     #: Typical size: ``one``; ``command``, a hundredth of the largest command from neutral; ``torque``, ``rate``,
@@ -261,13 +233,7 @@ class EffectParameter:
 # Begin of an effect that lasts to the end of the campaign, in h from the begin of the first log. Its initial values are
 # shares of the time in all logs together. At 0 the effect acts in all logs.
 INSTANT = EffectParameter(
-    name="instant",
-    unit="h",
-    neutral=0.0,
-    low=0.0,
-    high=1.0,
-    initial_values=tuple((k + 0.5) / 16 for k in range(16)),
-    scale="day",
+    name="instant", unit="h", high=1.0, initial_values=tuple((k + 0.5) / 16 for k in range(16)), scale="day"
 )
 # End of an effect that stops before the campaign does; at 1 the effect lasts.
 UNTIL = replace(INSTANT, name="until", neutral=1.0, initial_values=tuple(min((k + 1.5) / 16, 1.0) for k in range(16)))

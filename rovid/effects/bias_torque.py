@@ -36,9 +36,7 @@ EFFECT: Effect = Effect(
     axes=("yaw", "surge", "sway"),
     title="constant torque",
     parameters=(
-        EffectParameter(
-            name="torque", unit="N m", neutral=0.0, low=-1.0, high=1.0, initial_values=(0.02, -0.02), scale="torque"
-        ),
+        EffectParameter(name="torque", unit="N m", low=-1.0, high=1.0, initial_values=(0.02, -0.02), scale="torque"),
     ),
     equation="+ b",
     fingerprint="slow rotation without command; one direction faster than the other by a constant torque",

@@ -34,11 +34,7 @@ def _advanced(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> Flo
 CLOCKS_APART: Effect = Effect(
     id="clocks_apart",
     title="late stamps of the commands",
-    parameters=(
-        EffectParameter(
-            name="lead", unit="s", neutral=0.0, low=0.0, high=30.0, initial_values=(0.02, 0.2, 1.0), scale="time"
-        ),
-    ),
+    parameters=(EffectParameter(name="lead", unit="s", high=30.0, initial_values=(0.02, 0.2, 1.0), scale="time"),),
     equation="T'(t) = T(t + δ)",
     fingerprint="the vehicle responds before its commands",
     experiment="the same run with a copy of a command or of the heading in both files, which compares their clocks",

@@ -42,11 +42,7 @@ _STEP = 0.1
 EFFECT: Effect = Effect(
     id="command_delay",
     title="command delay",
-    parameters=(
-        EffectParameter(
-            name="delay", unit="s", neutral=0.0, low=0.0, high=30.0, initial_values=(0.02, 0.1, 0.6), scale="time"
-        ),
-    ),
+    parameters=(EffectParameter(name="delay", unit="s", high=30.0, initial_values=(0.02, 0.1, 0.6), scale="time"),),
     equation="T'(t) = T(t − L)",
     fingerprint="residual torque at the edges of steps, for the duration of the delay; none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
@@ -63,9 +59,7 @@ FORMS: tuple[Effect, ...] = (
         parameters=(
             replace(EFFECT.parameters[0], initial_values=(0.02, 0.08, 0.4), step=_STEP),
             # A jitter of 1, the neutral value, is that of a drive with its own clock.
-            EffectParameter(
-                name="jitter", unit="1", neutral=1.0, low=0.0, high=1.0, initial_values=(1.0, 0.5, 0.5), step=_STEP
-            ),
+            EffectParameter(name="jitter", unit="1", neutral=1.0, high=1.0, initial_values=(1.0, 0.5, 0.5), step=_STEP),
         ),
         equation="each command waits between (1 − J)·L and (1 + J)·L",
         acts=OnTorque(

@@ -21,11 +21,7 @@ def _latch(inputs: ActuatorInputs, command: FloatArray, values: Values) -> Float
 EFFECT: Effect = Effect(
     id="command_hysteresis",
     title="command hysteresis",
-    parameters=(
-        EffectParameter(
-            name="width", unit="command", neutral=0.0, low=0.0, high=50.0, initial_values=(2.0, 8.0), scale="command"
-        ),
-    ),
+    parameters=(EffectParameter(name="width", unit="command", high=50.0, initial_values=(2.0, 8.0), scale="command"),),
     equation="u' follows u within ±b/2",
     fingerprint="at one command the residual differs for rising and falling commands, however slowly they change",
     experiment="a slow staircase up and down",

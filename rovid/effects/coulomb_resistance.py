@@ -50,9 +50,7 @@ def _unknown_start(values: Values, rate: float, acceleration: float) -> tuple[fl
     return (1.0,)
 
 
-_TORQUE = EffectParameter(
-    name="torque", unit="N m", neutral=0.0, low=0.0, high=1.0, initial_values=(0.03,), scale="torque"
-)
+_TORQUE = EffectParameter(name="torque", unit="N m", high=1.0, initial_values=(0.03,), scale="torque")
 # Rate over which the friction changes its sign.
 _RATE = EffectParameter(
     name="rate", unit="rad/s", neutral=0.03, low=0.03, high=0.5, initial_values=(0.03, 0.12), scale="rate"
@@ -86,7 +84,6 @@ FORMS: tuple[Effect, ...] = (
             EffectParameter(
                 name="back_linear",
                 unit="N m s/rad",
-                neutral=0.0,
                 low=-0.5,
                 high=1.0,
                 initial_values=(0.0, 0.05, -0.05),

@@ -67,13 +67,7 @@ EFFECT: Effect = Effect(
     title="cross-flow drag along the hull",
     parameters=(
         EffectParameter(
-            name="coefficient",
-            unit="N s^2/m^3",
-            neutral=0.0,
-            low=0.0,
-            high=20.0,
-            initial_values=(0.3,),
-            scale="sway_force/sway/sway",
+            name="coefficient", unit="N s^2/m^3", high=20.0, initial_values=(0.3,), scale="sway_force/sway/sway"
         ),
         EffectParameter(
             name="length", unit="m", neutral=1.0, low=0.02, high=50.0, initial_values=(1.5,), scale="sway/rate"
@@ -94,13 +88,7 @@ PLANAR_FORMS: tuple[Effect, ...] = (
         parameters=(
             *EFFECT.parameters,
             EffectParameter(
-                name="centre",
-                unit="m",
-                neutral=0.0,
-                low=-10.0,
-                high=10.0,
-                initial_values=(0.2, -0.2),
-                scale="sway/rate",
+                name="centre", unit="m", low=-10.0, high=10.0, initial_values=(0.2, -0.2), scale="sway/rate"
             ),
         ),
         equation="Y − c·(∫|w|·w dx − l·|v|·v), N − c·(∫x·|w|·w dx − |r|·r·∫|x|³ dx), w = v + x·r, "

@@ -18,11 +18,9 @@ def _canonical(numbers: FloatArray) -> FloatArray:
     return numbers
 
 
-_SPEED = EffectParameter(
-    name="speed", unit="m/s", neutral=0.0, low=-5.0, high=5.0, initial_values=(0.2,), scale="surge"
-)
+_SPEED = EffectParameter(name="speed", unit="m/s", low=-5.0, high=5.0, initial_values=(0.2,), scale="surge")
 _DIRECTION = EffectParameter(
-    name="direction", unit="rad", neutral=0.0, low=-20.0, high=20.0, initial_values=(0.0, 1.57, 3.14, -1.57)
+    name="direction", unit="rad", low=-20.0, high=20.0, initial_values=(0.0, 1.57, 3.14, -1.57)
 )
 
 EFFECT: Effect = Effect(
@@ -47,9 +45,7 @@ PLANAR_FORMS: tuple[Effect, ...] = (
         parameters=(
             _SPEED,
             _DIRECTION,
-            EffectParameter(
-                name="wander", unit="m/s", neutral=0.0, low=0.0, high=5.0, initial_values=(0.1,), scale="surge"
-            ),
+            EffectParameter(name="wander", unit="m/s", high=5.0, initial_values=(0.1,), scale="surge"),
             EffectParameter(
                 name="correlation_time",
                 unit="s",

@@ -34,7 +34,6 @@ EFFECT: Effect = Effect(
         EffectParameter(
             name="cubic",
             unit="N m s^3/rad^3",
-            neutral=0.0,
             low=-3.0,
             high=10.0,
             initial_values=(0.2, -0.1),

@@ -58,7 +58,7 @@ EFFECT: Effect = Effect(
     axes=("yaw",),
     title="entrained swirl",
     parameters=(
-        EffectParameter(name="coupling", unit="1", neutral=0.0, low=0.0, high=0.9, initial_values=(0.1,)),
+        EffectParameter(name="coupling", unit="1", high=0.9, initial_values=(0.1,)),
         EffectParameter(
             name="time_constant",
             unit="s",

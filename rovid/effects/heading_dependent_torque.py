@@ -25,15 +25,9 @@ def _mixed(at: Instant, p: Numbers) -> float:
 def _pair(prefix: str, phases: tuple[float, ...]) -> tuple[EffectParameter, EffectParameter]:
     return (
         EffectParameter(
-            name=f"{prefix}amplitude",
-            unit="N m",
-            neutral=0.0,
-            low=-2.0,
-            high=2.0,
-            initial_values=(0.03,),
-            scale="torque",
+            name=f"{prefix}amplitude", unit="N m", low=-2.0, high=2.0, initial_values=(0.03,), scale="torque"
         ),
-        EffectParameter(name=f"{prefix}phase", unit="rad", neutral=0.0, low=-6.3, high=6.3, initial_values=phases),
+        EffectParameter(name=f"{prefix}phase", unit="rad", low=-6.3, high=6.3, initial_values=phases),
     )
 
 

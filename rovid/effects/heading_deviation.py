@@ -30,10 +30,8 @@ def _pair(
     prefix: str, amplitude: float, phases: tuple[float, ...], limit: float = _MAX
 ) -> tuple[EffectParameter, EffectParameter]:
     return (
-        EffectParameter(
-            name=f"{prefix}amplitude", unit="rad", neutral=0.0, low=-limit, high=limit, initial_values=(amplitude,)
-        ),
-        EffectParameter(name=f"{prefix}phase", unit="rad", neutral=0.0, low=-6.3, high=6.3, initial_values=phases),
+        EffectParameter(name=f"{prefix}amplitude", unit="rad", low=-limit, high=limit, initial_values=(amplitude,)),
+        EffectParameter(name=f"{prefix}phase", unit="rad", low=-6.3, high=6.3, initial_values=phases),
     )
 
 

@@ -37,7 +37,7 @@ EFFECT: Effect = Effect(
     id="oscillatory_drag",
     title="oscillatory drag",
     parameters=(
-        EffectParameter(name="gain", unit="1", neutral=0.0, low=0.0, high=10.0, initial_values=(0.3,)),
+        EffectParameter(name="gain", unit="1", high=10.0, initial_values=(0.3,)),
         EffectParameter(name="swept_angle", unit="rad", neutral=1.0, low=0.05, high=12.0, initial_values=(0.6, 2.5)),
     ),
     equation="quadratic drag times 1 + g·exp(−θ/θ0), θ swept since the last reversal",

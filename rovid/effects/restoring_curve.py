@@ -18,9 +18,7 @@ EFFECT: Effect = Effect(
     id="restoring_curve",
     axes=("roll", "pitch"),
     title="bent restoring torque",
-    parameters=(
-        EffectParameter(name="cubic", unit="1/rad^2", neutral=0.0, low=-5.0, high=20.0, initial_values=(1.0, -1.0)),
-    ),
+    parameters=(EffectParameter(name="cubic", unit="1/rad^2", low=-5.0, high=20.0, initial_values=(1.0, -1.0)),),
     equation="K·(sin x + c·x²·sin x) in place of K·sin x, x = θ − θ0",
     fingerprint="residual torque in proportion to the cube of the tilt; a period that changes while a swing decays",
     experiment="releases from a large and from a small tilt",
@@ -45,9 +43,7 @@ LIFT: Effect = Effect(
     id="buoyancy",
     title="net buoyancy",
     parameters=(
-        EffectParameter(
-            name="net_buoyancy", unit="N m", neutral=0.0, low=-3.0, high=3.0, initial_values=(0.01,), scale="torque"
-        ),
+        EffectParameter(name="net_buoyancy", unit="N m", low=-3.0, high=3.0, initial_values=(0.01,), scale="torque"),
     ),
     equation="− B",
     fingerprint="a constant force",
@@ -58,16 +54,8 @@ RIGHTING: Effect = Effect(
     id="restoring",
     title="restoring torque",
     parameters=(
-        EffectParameter(
-            name="restoring_stiffness",
-            unit="N m/rad",
-            neutral=0.0,
-            low=0.0,
-            high=1e3,
-            initial_values=(1.0,),
-            scale="torque",
-        ),
-        EffectParameter(name="trim", unit="rad", neutral=0.0, low=-1.0, high=1.0, initial_values=(0.0,)),
+        EffectParameter(name="restoring_stiffness", unit="N m/rad", high=1e3, initial_values=(1.0,), scale="torque"),
+        EffectParameter(name="trim", unit="rad", low=-1.0, high=1.0, initial_values=(0.0,)),
     ),
     equation="− K·sin(θ − θ0)",
     fingerprint="a tilt in proportion to the torque",

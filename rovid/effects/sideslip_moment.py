@@ -52,7 +52,7 @@ def _surge_from_thrust(inputs: ActuatorInputs, thrust: FloatArray, values: Value
 
 
 _DRIFT = EffectParameter(
-    name="coefficient", unit="N s", neutral=0.0, low=-3.0, high=3.0, initial_values=(0.05, -0.05), scale="torque/sway"
+    name="coefficient", unit="N s", low=-3.0, high=3.0, initial_values=(0.05, -0.05), scale="torque/sway"
 )
 _MUNK = replace(_DRIFT, name="munk", unit="kg", scale="torque/surge/sway")
 # Time constant of the sway. Sway that decays at once would be the same as damping with the square of the speed.
@@ -90,15 +90,7 @@ FORMS: tuple[Effect, ...] = (
         parameters=(
             replace(_DRIFT, unit="N^0.5 m s/rad", scale="torque/sqrt_thrust/rate"),
             _DECAY,
-            EffectParameter(
-                name="surge_time_constant",
-                unit="s",
-                neutral=0.0,
-                low=0.0,
-                high=100.0,
-                initial_values=(1.0, 4.0),
-                scale="time",
-            ),
+            EffectParameter(name="surge_time_constant", unit="s", high=100.0, initial_values=(1.0, 4.0), scale="time"),
         ),
         equation="− N·w, τ·dw/dt = − s·r − w, τ1·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a logged v",
         fingerprint="residual torque that follows the rate with a lag, in proportion to the root of the thrust ahead",

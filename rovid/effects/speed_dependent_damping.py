@@ -51,13 +51,7 @@ def _surge_from_thrust(inputs: ActuatorInputs, thrust: FloatArray, values: Value
 
 
 _LINEAR = EffectParameter(
-    name="linear",
-    unit="N m s^2/(m rad)",
-    neutral=0.0,
-    low=0.0,
-    high=10.0,
-    initial_values=(0.1, 1.0),
-    scale="torque/surge/rate",
+    name="linear", unit="N m s^2/(m rad)", high=10.0, initial_values=(0.1, 1.0), scale="torque/surge/rate"
 )
 _QUADRATIC = replace(_LINEAR, name="quadratic", unit="N m s^3/(m^2 rad)", scale="torque/surge/surge/rate")
 
@@ -88,15 +82,7 @@ FORMS: tuple[Effect, ...] = (
         form="estimated",
         parameters=(
             replace(_LINEAR, unit="N^0.5 m s/rad", scale="torque/sqrt_thrust/rate"),
-            EffectParameter(
-                name="time_constant",
-                unit="s",
-                neutral=0.0,
-                low=0.0,
-                high=100.0,
-                initial_values=(0.7, 4.0),
-                scale="time",
-            ),
+            EffectParameter(name="time_constant", unit="s", high=100.0, initial_values=(0.7, 4.0), scale="time"),
         ),
         equation="− N·|s|·r, τ·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a speed that is not logged",
         experiment="the speed ahead in the log; the same turns with large thrust ahead and without it",

@@ -60,7 +60,7 @@ def _with_voltage(inputs: ActuatorInputs, thrust: FloatArray, values: Values) ->
 
 
 _DRIFT = EffectParameter(
-    name="drift", unit="1/h", neutral=0.0, low=_MAX_GAIN, high=_MAX_FADE, initial_values=(0.05,), scale="one/longest"
+    name="drift", unit="1/h", low=_MAX_GAIN, high=_MAX_FADE, initial_values=(0.05,), scale="one/longest"
 )
 _GAIN = EffectParameter(name="gain", unit="1", neutral=1.0, low=0.3, high=2.0, initial_values=(0.9, 1.1))
 # Rivals of thrust with another size in some trials.
@@ -72,12 +72,8 @@ EFFECT: Effect = Effect(
     title="supply sag",
     parameters=(
         # With 1, a load of 15 % of full thrust costs 15 % of the thrust.
-        EffectParameter(
-            name="sag", unit="1", neutral=0.0, low=0.0, high=_MAX_LOSS, initial_values=(0.1,), scale="one/load"
-        ),
-        EffectParameter(
-            name="time_constant", unit="s", neutral=0.0, low=0.0, high=100.0, initial_values=(0.5, 8.0), scale="time"
-        ),
+        EffectParameter(name="sag", unit="1", high=_MAX_LOSS, initial_values=(0.1,), scale="one/load"),
+        EffectParameter(name="time_constant", unit="s", high=100.0, initial_values=(0.5, 8.0), scale="time"),
     ),
     equation="T' = T·(1 − s·load), the load as a share of full thrust, behind a first-order lag",
     fingerprint="residual torque in proportion to −T·|T|, growing during long runs at high load",
@@ -131,9 +127,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="voltage",
         # 1.0 to 1.2 in bench data of a T200 at 10 to 20 V; 2 for a plain voltage chopper.
-        parameters=(
-            EffectParameter(name="exponent", unit="1", neutral=0.0, low=-3.0, high=5.0, initial_values=(1.0,)),
-        ),
+        parameters=(EffectParameter(name="exponent", unit="1", low=-3.0, high=5.0, initial_values=(1.0,)),),
         equation="T' = T·(V/V0)^p, V0 the median voltage",
         fingerprint="residual torque in proportion to T and to the change of the logged voltage",
         needs=(_CHANNEL,),

@@ -18,7 +18,7 @@ def lift_forces(u: float, v: float, r: float, p: Numbers) -> tuple[float, float,
 
 
 _YAW = EffectParameter(
-    name="yaw_by_sway", unit="N s", neutral=0.0, low=-20.0, high=20.0, initial_values=(0.05, -0.05), scale="torque/sway"
+    name="yaw_by_sway", unit="N s", low=-20.0, high=20.0, initial_values=(0.05, -0.05), scale="torque/sway"
 )
 _SWAY = replace(_YAW, name="sway_by_yaw", scale="sway_force/rate")
 

@@ -63,7 +63,7 @@ EFFECT: Effect = Effect(
     title="tank seiche",
     parameters=(
         # A standing wave does not pull by more than the vehicle's own inertia.
-        EffectParameter(name="gain", unit="1", neutral=0.0, low=0.0, high=1.0, initial_values=(0.1,)),
+        EffectParameter(name="gain", unit="1", high=1.0, initial_values=(0.1,)),
         # ω² = g·k·tanh(k·h) with k = nπ/l for length l and depth h: 1.4 rad/s for 15 m by 7 m, 8 rad/s for half a
         # metre.
         EffectParameter(

@@ -43,9 +43,7 @@ def _within_a_turn(numbers: FloatArray) -> FloatArray:
     return np.array([stiffness, math.remainder(heading, 2.0 * math.pi)])
 
 
-_STIFFNESS = EffectParameter(
-    name="stiffness", unit="N m/rad", neutral=0.0, low=0.0, high=1.0, initial_values=(0.004, 0.04), scale="torque"
-)
+_STIFFNESS = EffectParameter(name="stiffness", unit="N m/rad", high=1.0, initial_values=(0.004, 0.04), scale="torque")
 
 EFFECT: Effect = Effect(
     id="tether_torsion",
@@ -76,9 +74,7 @@ FORMS: tuple[Effect, ...] = (
         form="slack",
         parameters=(
             replace(_STIFFNESS, high=10.0, initial_values=(0.04, 0.04, 0.1, 0.1)),
-            EffectParameter(
-                name="slack", unit="rad", neutral=0.0, low=0.0, high=40.0, initial_values=(0.5, 1.2, 2.8, 7.0)
-            ),
+            EffectParameter(name="slack", unit="rad", high=40.0, initial_values=(0.5, 1.2, 2.8, 7.0)),
         ),
         equation="− k·(|x| − s)·sign(x) where |x| > s, x turned since the start of the trial",
         acts=Term(_slack),
@@ -89,12 +85,7 @@ FORMS: tuple[Effect, ...] = (
         parameters=(
             _STIFFNESS,
             EffectParameter(
-                name="heading",
-                unit="rad",
-                neutral=0.0,
-                low=-9.5,
-                high=9.5,
-                initial_values=(0.0, 0.9, 1.8, 2.7, -0.9, -1.8, -2.7),
+                name="heading", unit="rad", low=-9.5, high=9.5, initial_values=(0.0, 0.9, 1.8, 2.7, -0.9, -1.8, -2.7)
             ),
         ),
         equation="− k·(ψ − ψ0), within half a turn of ψ0 at the start of the trial",
@@ -106,7 +97,7 @@ FORMS: tuple[Effect, ...] = (
         form="wound",
         parameters=(
             _STIFFNESS,
-            EffectParameter(name="wound", unit="rad", neutral=0.0, low=-40.0, high=40.0, initial_values=(3.0, -3.0)),
+            EffectParameter(name="wound", unit="rad", low=-40.0, high=40.0, initial_values=(3.0, -3.0)),
         ),
         equation="− k·(w + ψ − ψ at the start of the trial), wound by w before each trial",
         acts=Term(_wound),

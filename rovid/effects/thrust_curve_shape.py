@@ -44,7 +44,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="saturating",
-        parameters=(EffectParameter(name="loss", unit="1", neutral=0.0, low=-0.5, high=5.0, initial_values=(0.1,)),),
+        parameters=(EffectParameter(name="loss", unit="1", low=-0.5, high=5.0, initial_values=(0.1,)),),
         equation="F' = F·(1 + a)/(1 + a·|F|/F0), F0 a tenth of the bench's largest thrust",
         acts=OnThrust(_saturating, anchored=True),
     ),

@@ -28,15 +28,7 @@ EFFECT: Effect = Effect(
     id="thruster_deadband",
     title="thruster dead band",
     parameters=(
-        EffectParameter(
-            name="deadband",
-            unit="command",
-            neutral=0.0,
-            low=0.0,
-            high=60.0,
-            initial_values=(3.0, 15.0),
-            scale="command",
-        ),
+        EffectParameter(name="deadband", unit="command", high=60.0, initial_values=(3.0, 15.0), scale="command"),
     ),
     equation="u' = u − sign(u)·b where |u| > b, else 0",
     fingerprint="residual torque odd in the command, relatively largest near zero; flat where a sine crosses zero",

@@ -45,15 +45,7 @@ EFFECT: Effect = Effect(
     id="thruster_lag",
     title="thruster lag",
     parameters=(
-        EffectParameter(
-            name="time_constant",
-            unit="s",
-            neutral=0.0,
-            low=0.0,
-            high=30.0,
-            initial_values=(0.02, 0.15, 1.0),
-            scale="time",
-        ),
+        EffectParameter(name="time_constant", unit="s", high=30.0, initial_values=(0.02, 0.15, 1.0), scale="time"),
     ),
     equation="τ·dT'/dt + T' = T",
     fingerprint="residual torque at the edges of steps and ahead of the peaks of a sine, none in steady motion",
@@ -88,7 +80,7 @@ FORMS: tuple[Effect, ...] = (
         parameters=(
             replace(EFFECT.parameters[0], initial_values=(0.1, 0.4, 1.0)),
             # The two lags can change places: a ratio of 2 is that of 1/2.
-            EffectParameter(name="ratio", unit="1", neutral=0.0, low=0.0, high=2.0, initial_values=(0.4,)),
+            EffectParameter(name="ratio", unit="1", high=2.0, initial_values=(0.4,)),
         ),
         equation="two lags of the thrust in series, τ and a·τ",
         acts=OnTorque(

@@ -14,9 +14,7 @@ EFFECT: Effect = Effect(
     title="wave torque",
     parameters=(
         # Amplitude of a sine with the same power: root 2 times the standard deviation.
-        EffectParameter(
-            name="amplitude", unit="N m", neutral=0.0, low=0.0, high=2.0, initial_values=(0.05,), scale="torque"
-        ),
+        EffectParameter(name="amplitude", unit="N m", high=2.0, initial_values=(0.05,), scale="torque"),
         EffectParameter(
             name="frequency",
             unit="rad/s",

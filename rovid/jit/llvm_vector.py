@@ -81,14 +81,9 @@ def register_intrinsic(
 ) -> None:
     """Let compiled code call ``function``.
 
-    Parameters
-    ----------
-    infer
-        (types of the arguments) -> type of the result, then the types to which the arguments are converted; or None.
-    lower
-        (context, builder, types, values) -> value; writes the instructions.
-    argument_types
-        Each tuple is one signature for which ``lower`` is used.
+    ``infer``: (types of the arguments) -> type of the result, then those to which the arguments are converted; or None.
+    ``lower``: (context, builder, types, values) -> value; writes the instructions.
+    ``argument_types``: Each tuple is one signature for which ``lower`` is used.
     """
 
     class Template(AbstractTemplate):

@@ -242,15 +242,10 @@ class ExtendedKalmanFilter:
     ) -> tuple[FloatArray, FloatArray]:
         """(n, 2) innovations of angle and rate, and their variances; NaN where not measured.
 
-        Parameters
-        ----------
-        measured
-            (n, 2) angle in rad and rate in rad/s.
-        initial_rate
-            rad/s, and its standard deviation.
-        past
-            (n,) change of the torque of each interval by 1 N m before the first instant, and the standard deviation of
-            the torque before in N m, eq. (12a). It is the last state. None if that torque is known.
+        ``measured``: (n, 2) angle in rad and rate in rad/s.
+        ``initial_rate``: rad/s, and its standard deviation.
+        ``past``: (n,) change of the torque of each interval by 1 N m before the first instant, and the standard
+            deviation of the torque before in N m, eq. (12a). It is the last state. None if that torque is known.
         """
         innovation, variance = np.full((2, *measured.shape), np.nan)
         noise_variance = np.array([self.noise.angle, self.noise.rate]) ** 2

@@ -19,11 +19,12 @@ from rosbags.typesys import Stores, get_typestore
 from rovid.core.errors import LogError, suggestion
 from rovid.core.input_files import file_parts
 from rovid.readers.message_topics import Decoder, TopicExtractor, TopicListing, ros_decoder
-from rovid.readers.raw_log import LogContents, RawLog, require_mark, required_signals
+from rovid.readers.raw_log import LogContents, RawLog, damaged, require_mark, required_signals
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
 KIND = "bag"
+_DAMAGED = "a bag that is cut or damaged"
 _ROS1_MARK, _ROS2_MARK = b"#ROSBAG V", b"SQLite format 3\0"
 # Values of damaged tables are cast, so that decoding reports the damage. TYPEOF finds NULL in columns that are declared
 # NOT NULL, for which SQLite does not evaluate IS NOT NULL.
@@ -104,7 +105,8 @@ def _ros1(path: Path) -> Iterator[_Bag]:
     try:
         reader.open()
     except Exception as error:
-        raise _unreadable(path, error, "If it was not closed, `rosbag reindex` mends it; else leave it out.") from error
+        mend = "If it was not closed, `rosbag reindex` mends it; else leave it out."
+        raise damaged(path, _DAMAGED, error, mend) from error
 
     def messages(wanted: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         chosen = [one for one in found if one.id in wanted]
@@ -150,16 +152,11 @@ def _ros2(path: Path) -> Iterator[_Bag]:
                 connections.append(_BagConnection(number, topic, kind, encoding, definitions.get(kind, "")))
             ((pages,),), ((page_size,),) = bag.execute("PRAGMA page_count"), bag.execute("PRAGMA page_size")
         except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes damaged text in its messages.
-            raise _unreadable(path, error, "Record the log again, or leave it out.") from error
+            raise damaged(path, _DAMAGED, error, "Record the log again, or leave it out.") from error
         # A write-ahead log holds pages that are not in the file yet.
         lost = int(pages * page_size) - sum(part.stat().st_size for part in file_parts(path))
         damage = [f"The bag is cut: its last {lost} bytes are missing."] if lost > 0 else []
         yield connections, lambda wanted: bag.execute(_MESSAGES, (json.dumps(sorted(wanted)),)), damage
-
-
-def _unreadable(path: Path, error: Exception, mend: str) -> LogError:
-    text = f"is a bag that is cut or damaged ({type(error).__name__}: {str(error)[:100]})."
-    return LogError(text.replace("\n", " "), where=path, mend=mend)
 
 
 def _decoder(path: Path, one: _BagConnection) -> Decoder:

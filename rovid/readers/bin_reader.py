@@ -90,11 +90,6 @@ class _MessageType:
         return columns
 
 
-def _text(padded: bytes) -> str:
-    """Text before the first zero."""
-    return padded.split(b"\0", 1)[0].decode("ascii", errors="replace")
-
-
 class DataFlashLog:
     """Positions of the ``wanted`` messages in a log."""
 
@@ -140,7 +135,7 @@ class DataFlashLog:
     def _take_description(self, at: int) -> None:
         """Register the message type that an FMT message describes."""
         number, length, *texts = _DESCRIPTION.unpack_from(self.data, at + 3)
-        name, letters, labels = map(_text, texts)
+        name, letters, labels = (text.partition(b"\0")[0].decode("ascii", errors="replace") for text in texts)
         names = labels.split(",") if labels else []
         if number == _FMT or number in self._names:
             return

@@ -322,10 +322,6 @@ def _medians(trials: Sequence[Trial]) -> dict[str, float]:
     return medians
 
 
-def _are_large(logs: Sequence[tuple[str, Path]]) -> bool:
-    return sum(file_size(path) for _, path in logs) >= _LARGE
-
-
 # --- logs read by a forked child while this process imports the estimators --------------------------------------
 
 # (path, name) -> trials, and remarks on the log.
@@ -360,7 +356,7 @@ class PrefetchedReader(ForkedCall[_TrialsRead]):
 def _read_small_logs(paths: Sequence[Path], axis: Axis) -> _TrialsRead:
     config, read = load_config(find_config(paths), axis), _TrialsRead()
     logs, _ = find_logs(paths, config)
-    if not _are_large(logs):
+    if sum(file_size(path) for _, path in logs) < _LARGE:
         for name, path in logs:
             remarks: list[Remark] = []
             read[path, name] = read_trials(path, config, name, remarks), remarks

@@ -24,13 +24,7 @@ from rovid.trial.vehicle import Thruster
 
 # Unit -> end of a name with this unit.
 SUFFIXES: Mapping[str, str] = {
-    "rad": "rad",
-    "deg": "deg",
-    "m": "m",
-    "rad/s": "rad_s",
-    "m/s": "m_s",
-    "N m": "Nm",
-    "N": "N",
+    unit: unit.replace("/", "_").replace(" ", "") for unit in ("rad", "deg", "m", "rad/s", "m/s", "N m", "N")
 }
 
 

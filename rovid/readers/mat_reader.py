@@ -19,6 +19,7 @@ from rovid.trial.config import Config
 KIND = "mat"
 EXTRA = "mat73"
 _MARK, _FORMAT = b"MATLAB ", "a MATLAB file"
+_MEND = "Save it again, or leave it out."
 _ORDERS: tuple[Literal["little", "big"], ...] = ("little", "big")
 # Number of bytes before the first matrix of version 4, and largest number there.
 _HEAD, _LARGEST_TYPE = 20, 4052
@@ -128,7 +129,7 @@ def _variables(path: Path) -> dict[str, Any]:
     except NotImplementedError:
         return _variables_73(path)
     except Exception as error:  # The library raises any exception on damaged files.
-        raise _damaged(path, error) from error
+        raise raw_log.damaged(path, f"{_FORMAT} that is cut or damaged", error, _MEND) from error
     return {name: value for name, value in loaded.items() if not name.startswith("__")}
 
 
@@ -150,9 +151,4 @@ def _variables_73(path: Path) -> dict[str, Any]:
         with h5py.File(path, "r") as file:
             return members(file)
     except Exception as error:  # The library raises any exception on damaged files.
-        raise _damaged(path, error) from error
-
-
-def _damaged(path: Path, error: Exception) -> LogError:
-    text = f"is a MATLAB file that is cut or damaged ({type(error).__name__}: {str(error)[:100]})."
-    return LogError(text.replace("\n", " "), where=path, mend="Save it again, or leave it out.")
+        raise raw_log.damaged(path, f"{_FORMAT} that is cut or damaged", error, _MEND) from error

@@ -34,14 +34,8 @@ _LAST_NS = 2**63 - 1
 def ros_decoder(kind: str, definition: str, encoding: str) -> Decoder:
     """Function that decodes messages of the type ``kind`` by rosbags; of ROS 2's own types without a ``definition``.
 
-    Raises
-    ------
-    KeyError
-        The type, or one inside it, is not defined.
-    ValueError
-        ``encoding`` is neither "cdr" nor "ros1".
-
-    rosbags raises further exceptions for a definition that cannot be parsed.
+    Raises KeyError if the type, or one inside it, is not defined; ValueError if ``encoding`` is neither "cdr" nor
+    "ros1". rosbags raises further exceptions for a definition that cannot be parsed.
     """
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 

@@ -225,16 +225,10 @@ def trials_of(table: Table, config: Config, run: str | None = None) -> list[Tria
         raise ConfigError(
             f"{error}.", where="data", mend="Give arrays of one length, one element an instant."
         ) from None
-    return [_trial(rows, config, name) for name, rows in _runs(frame, run)]
-
-
-def _runs(frame: pd.DataFrame, run: str | None) -> Iterator[tuple[str, pd.DataFrame]]:
     if run is None:
-        yield "data", frame
-        return
+        return [_trial(frame, config, "data")]
     _require_column(frame, run, "run")
-    for name, rows in frame.groupby(run, sort=False):
-        yield str(name), rows
+    return [_trial(rows, config, str(name)) for name, rows in frame.groupby(run, sort=False)]
 
 
 def _trial(frame: pd.DataFrame, config: Config, name: str) -> Trial:
@@ -248,10 +242,14 @@ def _trial(frame: pd.DataFrame, config: Config, name: str) -> Trial:
     clock, unit = sources.pop("time"), config.time.unit
     stamps = frame[clock].reset_index(drop=True)
     time = column_to_seconds(stamps, clock, unit, lambda row: f"{name}: row {row + 1}")
-    channels = {
-        signal: Channel(source=column, clock=clock, time=time, values=_column_numbers(frame[column], column, name))
-        for signal, column in sources.items()
-    }
+    channels = {}
+    for signal, column in sources.items():
+        values, wrong = to_numbers(frame[column])
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            text = f"{column} is {str(frame[column].iloc[row])[:40]!r}; a number was expected."
+            raise LogError(text, where=f"{name}: row {row + 1}", mend="Delete the row, or set the cell to NaN.")
+        channels[signal] = Channel(source=column, clock=clock, time=time, values=values)
     epoch = start_epoch(stamps, time, clock, unit)
     raw = RawLog(channels=channels, place=lambda _, row: f"row {row + 1}", epoch=epoch)
     return build(raw, config, NO_FILE, name)
@@ -261,15 +259,6 @@ def _require_column(frame: pd.DataFrame, column: str, signal: str) -> None:
     if column not in frame.columns:
         present = list(map(str, frame.columns))
         raise ConfigError(f"is {column!r}, which is no column of the data. {suggestion(column, present)}", where=signal)
-
-
-def _column_numbers(column: pd.Series[Any], title: str, name: str) -> FloatArray:
-    numbers, wrong = to_numbers(column)
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        text = f"{title} is {str(column.iloc[row])[:40]!r}; a number was expected."
-        raise LogError(text, where=f"{name}: row {row + 1}", mend="Delete the row, or set the cell to NaN.")
-    return numbers
 
 
 def thrust_curve(value: Any, where: str) -> ThrustCurve:

@@ -107,6 +107,12 @@ def require_mark(path: Path, mark: bytes, expected: str) -> None:
             raise wrong_format(path, expected)
 
 
+def damaged(path: Path, what: str, error: Exception, mend: str) -> LogError:
+    """Error for a file that a library cannot read; ``what`` it is, "a bag that is damaged", for instance."""
+    text = f"is {what} ({type(error).__name__}: {str(error)[:100]})."
+    return LogError(text.replace("\n", " "), where=path, mend=mend)
+
+
 class FilePart(io.RawIOBase):
     """``size`` bytes of a file from ``start`` on, independent of the position of the file."""
 

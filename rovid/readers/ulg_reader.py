@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.errors import LogError
 from rovid.readers import raw_log
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
@@ -67,11 +66,8 @@ class _ULog:
             try:
                 log = core.ULog(file, sorted(wanted))
             except Exception as error:  # The library raises any exception on damaged files.
-                raise LogError(
-                    f"is a ULog that is damaged ({type(error).__name__}: {str(error)[:100]}).".replace("\n", " "),
-                    where=path,
-                    mend="Download the log again, or leave it out.",
-                ) from error
+                mend = "Download the log again, or leave it out."
+                raise raw_log.damaged(path, "a ULog that is damaged", error, mend) from error
         self.topics: dict[str, raw_log.Columns] = {}
         for data in log.data_list:
             self.topics[f"{data.name}#{data.multi_id}" if data.multi_id else data.name] = data.data

@@ -286,23 +286,17 @@ class Vehicle:
         for thruster, command in zip(self.thrusters, trial.commands.T, strict=True):
             if thruster.curve is not None and not thruster.clamp and thruster.curve.excess(command):
                 raise _outside(trial, thruster, thruster.curve, command)
-            azimuth = self._azimuth_of(thruster, trial)
-            if azimuth is None:
+            turned = (one for one, by in enumerate(self.thrusters) if by.turns and by.turns == thruster.name)
+            if (at := next(turned, None)) is None:
                 total += thruster.torque(command)
             else:
+                azimuth = trial.commands[:, at]
                 ahead, starboard = thruster.surge_share, thruster.sway_share
                 x, y = thruster.position or (0.0, 0.0)
                 cos, sin = np.cos(azimuth), np.sin(azimuth)
                 arm = x * (starboard * cos + ahead * sin) - y * (ahead * cos - starboard * sin)
                 total += arm * self.thrust(trial.commands)[:, self.thrusters.index(thruster)]
         return total
-
-    def _azimuth_of(self, thruster: Thruster, trial: Trial) -> FloatArray | None:
-        """(n,) rad; None for a thruster that no command turns."""
-        for one, command in zip(self.thrusters, trial.commands.T, strict=True):
-            if one.turns and one.turns == thruster.name:
-                return np.asarray(command)
-        return None
 
 
 def box_inertia(mass: float, length: float, width: float) -> float:

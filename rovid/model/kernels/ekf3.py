@@ -66,15 +66,8 @@ def ekf3_innovations(data: Any, inputs: Any, models: Any) -> tuple[FloatArray, F
     constants, and the same in all lanes. States of effects follow the mean, without variance. In plain numpy:
     `rovid.model.reference`.
 
-    Parameters
-    ----------
-    data, inputs, models
-        `FilterData`, `FilterInputs` and `ParameterBatch` of `rovid.model.filter_batch`.
-
-    Returns
-    -------
-    innovation, variance
-        (LANES, N) in the order of ``data.output_index``.
+    ``data``, ``inputs``, ``models``: `FilterData`, `FilterInputs` and `ParameterBatch` of `rovid.model.filter_batch`.
+    Returns ``innovation``, ``variance``: (LANES, N) in the order of ``data.output_index``.
     """
     rows, count = TERM_STATES * len(models.terms.kinds), data.output_index.max() + 1
     innovation, variance = np.empty((2, LANES, count))

@@ -51,26 +51,14 @@ def predict_multi_step(
 ) -> FloatArray:
     """Angle turned after each of up to ``steps_ahead`` grid intervals from each of the (m,) restarts.
 
-    Parameters
-    ----------
-    period
-        (m,) s, the grid interval of each restart.
-    torque, effect_inputs
-        (n,) N m and (n, 3), see `rovid.model.torque_input.TorqueInput`; means over the grid intervals.
-    rate, angle, states
-        (n,), (n,) and (n, k * TERM_STATES) on the measured trajectory.
-    restarts, steps_ahead
-        (m,) indices on the grid, and numbers of intervals.
-    start
-        (m,) rad; the position at the start of the trial.
-    body, terms
-        Those of the common `rovid.model.bound_effects.Equation`.
-
-    Returns
-    -------
-    turned
-        (m, 1 + largest of ``steps_ahead``) rad; NaN beyond, and after a prediction has diverged or needs too many
-        steps.
+    ``period``: (m,) s, the grid interval of each restart.
+    ``torque``, ``effect_inputs``: (n,) N m and (n, 3), see `TorqueInput`; means over the grid intervals.
+    ``rate``, ``angle``, ``states``: (n,), (n,) and (n, k * TERM_STATES) on the measured trajectory.
+    ``restarts``, ``steps_ahead``: (m,) indices on the grid, and numbers of intervals.
+    ``start``: (m,) rad; the position at the start of the trial.
+    ``body``, ``terms``: Those of the common `rovid.model.bound_effects.Equation`.
+    Returns (m, 1 + largest of ``steps_ahead``) rad; NaN beyond, and after a prediction has diverged or needs too many
+    steps.
     """
     rows, limit = TERM_STATES * len(terms.kinds), _DIVERGED * float(np.fmax.reduce(np.abs(rate), initial=0.0))
     turned = np.full((len(restarts), 1 + int(steps_ahead.max(initial=0))), np.nan)
@@ -136,18 +124,11 @@ def effects_along(
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) torque in N m of all terms, and their (n, m * TERM_STATES) states, along measured trajectories of r runs.
 
-    Parameters
-    ----------
-    offsets
-        (r + 1,) index of each run's first instant, and n.
-    periods, starts
-        (r,) s between instants, and rad, the position at the start of the trial.
-    trajectory
-        (n, 3) rate, angle since the start of the trial, and thruster torque, which is held.
-    effect_inputs
-        (n, 3), see `rovid.model.torque_input.TorqueInput`.
-    body, terms
-        Those of the common `rovid.model.bound_effects.Equation`.
+    ``offsets``: (r + 1,) index of each run's first instant, and n.
+    ``periods``, ``starts``: (r,) s between instants, and rad, the position at the start of the trial.
+    ``trajectory``: (n, 3) rate, angle since the start of the trial, and thruster torque, which is held.
+    ``effect_inputs``: (n, 3), see `rovid.model.torque_input.TorqueInput`.
+    ``body``, ``terms``: Those of the common `rovid.model.bound_effects.Equation`.
     """
     count = TERM_STATES * len(terms.kinds)
     torque, states = np.zeros(len(trajectory)), np.zeros((len(trajectory), count))

@@ -88,21 +88,11 @@ def rk4_step(
 ) -> Any:
     """One step of rate and angle, and of the states of effects.
 
-    Parameters
-    ----------
-    thruster_torque, other_torque
-        N m. Effects depend on the first alone.
-    effect_inputs, equation
-        As in `sum_terms`.
-    state, work
-        States as there, stepped in place; (3, rows + SCRATCH_ROWS, LANES) work space.
-    h
-        Vector of steps in s.
-
-    Returns
-    -------
-    rate, angle, damping
-        The damping -d(rdot)/dr in 1/s is that of drag in mid-step, and that of effects at the start.
+    ``thruster_torque``, ``other_torque``: N m. Effects depend on the first alone.
+    ``effect_inputs``, ``equation``: As in `sum_terms`.
+    ``state``, ``work``: States as there, stepped in place; (3, rows + SCRATCH_ROWS, LANES) work space.
+    ``h``: Vector of steps in s.
+    Returns rate, angle and the damping -d(rdot)/dr in 1/s: that of drag in mid-step, and that of effects at the start.
     """
     rows, derivative, stage_state, sums = TERM_STATES * equation.terms.stateful, work[0], work[1], work[2]
     slopes = drag_slopes(equation.body)
@@ -179,20 +169,11 @@ def step_count(wanted: Any) -> int:
 def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: float) -> tuple[FloatArray, FloatArray]:
     """Integrate ``inertia*rdot + quadratic*|r|*r + linear*r = torque`` and ``angle_dot = r``.
 
-    Parameters
-    ----------
-    time
-        (n,) s, increasing.
-    torque
-        (n,) N m, held from each instant to the next.
-    initial_rate
-        rad/s at the first instant; the angle starts at 0.
-
-    Returns
-    -------
-    rate, angle
-        (n,) rad/s and (n,) rad. Steps are a small share of the local time constant
-        ``inertia / (2*quadratic*|r| + linear)``.
+    ``time``: (n,) s, increasing.
+    ``torque``: (n,) N m, held from each instant to the next.
+    ``initial_rate``: rad/s at the first instant; the angle starts at 0.
+    Returns (n,) rate in rad/s and (n,) angle in rad. Steps are a small share of the local time constant
+    ``inertia / (2*quadratic*|r| + linear)``.
     """
     rates, angles = np.empty(len(time)), np.empty(len(time))
     rates[0], angles[0] = initial_rate, 0.0
@@ -245,22 +226,12 @@ def advance(
 ) -> Any:
     """One interval of `simulate_effects`, for a control loop outside.
 
-    Parameters
-    ----------
-    thruster_torque, other_torque
-        N m. Effects depend on the first alone.
-    effect_inputs
-        (3,) wash, surge and sway speed in the interval, see `rovid.model.torque_input.TorqueInput`.
-    state, work
-        (m * TERM_STATES, LANES) states of the effects, advanced in place, the same in all lanes; (3, m * TERM_STATES +
-        SCRATCH_ROWS, LANES) work space.
-    damping
-        1/s, as returned for the interval before; 0 at the start.
-
-    Returns
-    -------
-    rate, angle, damping
-        At the interval's end.
+    ``thruster_torque``, ``other_torque``: N m. Effects depend on the first alone.
+    ``effect_inputs``: (3,) wash, surge and sway speed in the interval, see `rovid.model.torque_input.TorqueInput`.
+    ``state``, ``work``: (m * TERM_STATES, LANES) states of the effects, advanced in place, the same in all lanes;
+        (3, m * TERM_STATES + SCRATCH_ROWS, LANES) work space.
+    ``damping``: 1/s, as returned for the interval before; 0 at the start.
+    Returns rate, angle and damping at the interval's end.
     """
     inputs = broadcast(effect_inputs[0]), broadcast(effect_inputs[1]), broadcast(effect_inputs[2])
     motion = broadcast(rate), broadcast(angle), broadcast(damping)
@@ -299,27 +270,14 @@ def simulate_effects(
 ) -> tuple[FloatArray, FloatArray]:
     """Simulate r runs, concatenated, with effects in the equation of motion.
 
-    Parameters
-    ----------
-    offsets
-        (r + 1,) index of each run's first instant, and n.
-    time
-        (n,) s.
-    torque_input
-        (n,) torque in N m, (n,) timing moment in N m s^2 and (n, 3) effect inputs, see
-        `rovid.model.torque_input.TorqueInput`.
-    starts
-        (r,) rad, the position at the start of each run's trial.
-    first, states
-        (r, 2) rate in rad/s and angle in rad since the start of the trial, and (r, m * TERM_STATES) states of the
-        effects, at the first instant of each run.
-    body, terms
-        Those of the runs' `rovid.model.bound_effects.Equation`.
-
-    Returns
-    -------
-    rate, angle
-        (n,) rad/s and (n,) rad.
+    ``offsets``: (r + 1,) index of each run's first instant, and n.
+    ``time``: (n,) s.
+    ``torque_input``: (n,) torque in N m, (n,) timing moment in N m s^2 and (n, 3) effect inputs, see `TorqueInput`.
+    ``starts``: (r,) rad, the position at the start of each run's trial.
+    ``first``, ``states``: (r, 2) rate in rad/s and angle in rad since the start of the trial, and (r, m * TERM_STATES)
+        states of the effects, at the first instant of each run.
+    ``body``, ``terms``: Those of the runs' `rovid.model.bound_effects.Equation`.
+    Returns (n,) rate in rad/s and (n,) angle in rad.
     """
     intervals = np.diff(time, append=time[-1])
     # Lanes whose run has ended stay where they are.

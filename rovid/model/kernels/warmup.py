@@ -25,12 +25,8 @@ from rovid.trial.numba_loops import first_order_sum
 class BackgroundCompiler:
     """Runs ``code`` in a second process with the import paths of this one, and ends it with this one.
 
-    Parameters
-    ----------
-    code
-        Python code that passes the names of finished parts to `report_done`.
-    parts
-        Names of all parts.
+    ``code``: Python code that passes the names of finished parts to `report_done`.
+    ``parts``: Names of all parts.
     """
 
     def __init__(self, code: str, parts: Iterable[str]) -> None:
@@ -109,11 +105,9 @@ def is_compiled() -> bool:
 
 
 def start_compiling() -> bool:
-    """Let a second process compile what is missing, if machine code can be kept and a second core is there.
+    """Let a second process compile what is missing, if there is a second core; returns whether there is one.
 
-    Returns
-    -------
-    Whether there is such a process.
+    Without room for machine code there is none.
     """
     if not _STARTED and can_cache() and core_count() > 1 and sys.executable and not is_compiled():
         code = f"import {__name__} as warmup; warmup.compile_in_background()"
