@@ -219,7 +219,7 @@ def _expected_information(
     """Expected information of ``run``; None where the run exceeds the limits."""
     if run.seconds > limits.seconds:
         return None
-    trials = [_simulated_trial(run, candidate, vehicle) for candidate in models]
+    trials = [noise_free(run.trial(vehicle.axis), candidate, vehicle) for candidate in models]
     turn = 2.0 * math.pi if vehicle.axis.angular else 1.0
     for trial in trials:
         travel = np.ptp(trial.position) / turn
@@ -240,11 +240,6 @@ def noise_free(trial: Trial, candidate: CandidateModel, vehicle: Vehicle) -> Tri
     rate, position = candidate.model.simulate(trial, candidate.model.torque_input(vehicle, trial))
     position = np.where(trial.measured, position, np.nan)
     return replace(trial, rate=rate, position=position, rate_only=candidate.integrated, readings={})
-
-
-def _simulated_trial(run: CandidateRun, candidate: CandidateModel, vehicle: Vehicle) -> Trial:
-    """The run as simulated by a model."""
-    return noise_free(run.trial(vehicle.axis), candidate, vehicle)
 
 
 def fit_objective(

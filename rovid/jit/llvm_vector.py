@@ -81,9 +81,14 @@ def register_intrinsic(
 ) -> None:
     """Let compiled code call ``function``.
 
-    ``infer``: (types of the arguments) -> type of the result, then those to which the arguments are converted; or None.
-    ``lower``: (context, builder, types, values) -> value; writes the instructions.
-    ``argument_types``: Each tuple is one signature for which ``lower`` is used.
+    Parameters
+    ----------
+    infer
+        (types of the arguments) -> type of the result, then the types to which the arguments are converted; or None.
+    lower
+        (context, builder, types, values) -> value; writes the instructions.
+    argument_types
+        Each tuple is one signature for which ``lower`` is used.
     """
 
     class Template(AbstractTemplate):

@@ -300,18 +300,14 @@ class _Builder:
             fixed, faults = examine(detectors_at("command"), replace(data, others=others), self.config.faults)
             found.append((data.name, faults))
             self.unknown += fixed.unknown
-            commands.append(self.known_command(name, series[name], fixed))
+            command = replace(series[name], values=fixed.values)
+            if not command.known.size:
+                text = f"{fixed.source} ({name}) holds no number."
+                raise self.error(text, "Map the column or topic that holds the command, or leave this log out.")
+            self.remark_missing(name, command, "; the value before was held")
+            commands.append(command)
         self.faults += faults_of_all(found)
         return commands
-
-    def known_command(self, name: str, logged: TimedSeries, data: CommandData) -> TimedSeries:
-        """The ``logged`` command ``name`` with the repaired values of ``data``, known at least once."""
-        logged = replace(logged, values=data.values)
-        if not logged.known.size:
-            text = f"{self.raw.channels[name].source} ({name}) holds no number."
-            raise self.error(text, "Map the column or topic that holds the command, or leave this log out.")
-        self.remark_missing(name, logged, "; the value before was held")
-        return logged
 
     def steered(
         self, steering: Steering, angle: TimedSeries, base: TimeBase, series: Mapping[str, TimedSeries]

@@ -125,7 +125,7 @@ def to_datetimes(column: pd.Series[Any], name: str, where: Callable[[int], str])
     if dates.notna().sum() < known.sum():
         # ISO 8601 allows a decimal comma, pandas does not.
         tidy = column.astype("string").str.strip().str.replace(",", ".", regex=False)
-        tidy = tidy.str.replace(_DOTTED_DATE, _iso_date, regex=True)
+        tidy = tidy.str.replace(_DOTTED_DATE, lambda date: f"{date[3]}-{date[2]:0>2}-{date[1]:0>2}", regex=True)
         if tidy[known].str.fullmatch(_TIME_OF_DAY).all():
             clock = pd.to_timedelta(tidy)
             midnights = (clock.ffill().diff() < -_HALF_A_DAY).cumsum()
@@ -141,11 +141,6 @@ def to_datetimes(column: pd.Series[Any], name: str, where: Callable[[int], str])
         mend = "Delete these rows, or write their times so." if lost < known.sum() else "Write the column so."
         raise LogError(text, where=where(row), mend=mend)
     return dates
-
-
-def _iso_date(dotted: re.Match[str]) -> str:
-    day, month, year = map(int, dotted.groups())
-    return f"{year}-{month:02d}-{day:02d}"
 
 
 def start_epoch(column: pd.Series[Any], time: FloatArray, name: str, declared: str) -> float | None:

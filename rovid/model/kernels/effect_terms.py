@@ -86,10 +86,16 @@ def sum_terms(
 ) -> Any:
     """Torque in N m of all terms; writes the derivatives of their states.
 
-    ``rate``, ``angle``, ``thruster_torque``: Vectors, as in `rovid.effects.base.Instant`.
-    ``effect_inputs``: Vectors of wash, surge and sway speed, as there.
-    ``equation``: `rovid.model.bound_effects.Equation` of vectors.
-    ``state``, ``derivative``: (m * TERM_STATES, LANES) of the m terms; ``derivative`` has `SCRATCH_ROWS` more rows.
+    Parameters
+    ----------
+    rate, angle, thruster_torque
+        Vectors, as in `rovid.effects.base.Instant`.
+    effect_inputs
+        Vectors of wash, surge and sway speed, as there.
+    equation
+        `rovid.model.bound_effects.Equation` of vectors.
+    state, derivative
+        (m * TERM_STATES, LANES) of the m terms; ``derivative`` has `SCRATCH_ROWS` more rows.
     """
     terms, total = equation.terms, broadcast(0.0)
     kinds, parameters, water = terms.kinds, terms.parameters, broadcast(0.0)

@@ -88,11 +88,21 @@ def rk4_step(
 ) -> Any:
     """One step of rate and angle, and of the states of effects.
 
-    ``thruster_torque``, ``other_torque``: N m. Effects depend on the first alone.
-    ``effect_inputs``, ``equation``: As in `sum_terms`.
-    ``state``, ``work``: States as there, stepped in place; (3, rows + SCRATCH_ROWS, LANES) work space.
-    ``h``: Vector of steps in s.
-    Returns rate, angle and the damping -d(rdot)/dr in 1/s: that of drag in mid-step, and that of effects at the start.
+    Parameters
+    ----------
+    thruster_torque, other_torque
+        N m. Effects depend on the first alone.
+    effect_inputs, equation
+        As in `sum_terms`.
+    state, work
+        States as there, stepped in place; (3, rows + SCRATCH_ROWS, LANES) work space.
+    h
+        Vector of steps in s.
+
+    Returns
+    -------
+    rate, angle, damping
+        The damping -d(rdot)/dr in 1/s is that of drag in mid-step, and that of effects at the start.
     """
     rows, derivative, stage_state, sums = TERM_STATES * equation.terms.stateful, work[0], work[1], work[2]
     slopes = drag_slopes(equation.body)
@@ -226,12 +236,22 @@ def advance(
 ) -> Any:
     """One interval of `simulate_effects`, for a control loop outside.
 
-    ``thruster_torque``, ``other_torque``: N m. Effects depend on the first alone.
-    ``effect_inputs``: (3,) wash, surge and sway speed in the interval, see `rovid.model.torque_input.TorqueInput`.
-    ``state``, ``work``: (m * TERM_STATES, LANES) states of the effects, advanced in place, the same in all lanes;
-        (3, m * TERM_STATES + SCRATCH_ROWS, LANES) work space.
-    ``damping``: 1/s, as returned for the interval before; 0 at the start.
-    Returns rate, angle and damping at the interval's end.
+    Parameters
+    ----------
+    thruster_torque, other_torque
+        N m. Effects depend on the first alone.
+    effect_inputs
+        (3,) wash, surge and sway speed in the interval, see `rovid.model.torque_input.TorqueInput`.
+    state, work
+        (m * TERM_STATES, LANES) states of the effects, advanced in place, the same in all lanes; (3, m * TERM_STATES +
+        SCRATCH_ROWS, LANES) work space.
+    damping
+        1/s, as returned for the interval before; 0 at the start.
+
+    Returns
+    -------
+    rate, angle, damping
+        At the interval's end.
     """
     inputs = broadcast(effect_inputs[0]), broadcast(effect_inputs[1]), broadcast(effect_inputs[2])
     motion = broadcast(rate), broadcast(angle), broadcast(damping)
