@@ -19,24 +19,3 @@ from rovid.effects.catalogue import (
     term_effect,
     term_kind,
 )
-
-__all__ = [
-    "ANGLE_FORMS",
-    "CATALOGUE",
-    "EFFECTS",
-    "FORMS",
-    "PLANAR_EFFECTS",
-    "PLANAR_FORMS",
-    "SYNONYMS",
-    "TERMS",
-    "TERM_EFFECTS",
-    "Effect",
-    "EffectParameter",
-    "effect_named",
-    "every_form",
-    "forms_for",
-    "load_plugins",
-    "restoring_effect",
-    "term_effect",
-    "term_kind",
-]

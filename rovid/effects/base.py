@@ -34,7 +34,7 @@ ActuatorInputs = actuator_inputs.ActuatorInputs
 OnSeries = Callable[[ActuatorInputs, FloatArray, Values], FloatArray]
 # (parameter values, largest change of a command) -> s after the change.
 Settling = Callable[[Values, float], float]
-# For the files of effects.
+# An effect's file takes these from here.
 SPEEDS = actuator_inputs.SPEEDS
 compiled = decorators.compiled
 maximum, minimum, where_nonnegative = simd.maximum, simd.minimum, simd.where_nonnegative

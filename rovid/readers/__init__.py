@@ -7,5 +7,3 @@ gaps and the time base are common to all formats (`rovid.readers.build_trial`).
 
 from rovid.readers.campaign import find_logs, read_campaign, read_trials
 from rovid.readers.formats import READERS, read_log
-
-__all__ = ["READERS", "find_logs", "read_campaign", "read_log", "read_trials"]

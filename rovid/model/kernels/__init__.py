@@ -9,17 +9,3 @@ from rovid.model.kernels.ekf5 import ekf5_innovations
 from rovid.model.kernels.multi_step import effects_along, predict_multi_step
 from rovid.model.kernels.rk4 import advance, simulate, simulate_effects
 from rovid.model.kernels.warmup import compile_all, is_compiled, start_compiling
-
-__all__ = [
-    "SCRATCH_ROWS",
-    "advance",
-    "compile_all",
-    "effects_along",
-    "ekf3_innovations",
-    "ekf5_innovations",
-    "is_compiled",
-    "predict_multi_step",
-    "simulate",
-    "simulate_effects",
-    "start_compiling",
-]
