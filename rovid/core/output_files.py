@@ -107,7 +107,7 @@ GUESSED_CURVE = _signature("the guessed curve that this command writes", CURVE.p
 
 
 # Suffix of a log -> outputs of rovid that have it too.
-_NO_LOGS = {".csv": (PLAN,), ".mat": (export_signature("matlab"), export_signature("mss"))}
+_NO_LOGS = {".csv": (PLAN,), ".mat": (export_signature("matlab"), export_signature("mss")), ".mcap": (RECORDING,)}
 
 
 def own_output(path: Path) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget, ProgressCallback
-from rovid.core.errors import LogError, suggestion
+from rovid.core.errors import LogError, shortened_list, suggestion
 from rovid.core.input_files import file_parts, list_files, require_exists
 from rovid.core.output_files import own_output
 from rovid.core.spmd import ForkedCall
@@ -116,7 +116,16 @@ def _files_in(paths: Sequence[Path], remarks: list[Remark]) -> list[_File]:
             left_out(item.relative_to(path).as_posix(), f"it is {what}") for item, what in inside.special_files.items()
         ]
         names = {item.relative_to(path).as_posix(): item for item in inside.files if item.suffix.lower() in READERS}
-        found += [_File(path=item, name=name, asked=False) for name, item in sorted(names.items())]
+        written: dict[str, list[str]] = {}
+        for name, item in sorted(names.items()):
+            if kind := own_output(item):
+                written.setdefault(kind, []).append(name)
+            else:
+                found.append(_File(path=item, name=name, asked=False))
+        for kind, own in written.items():
+            were = "was left out: it" if len(own) == 1 else "were left out: each"
+            text = f"{shortened_list(own)} {were} is {kind}, no log."
+            remarks.append(Remark(kind="skipped", count=len(own), text=text))
     return found
 
 
@@ -142,9 +151,6 @@ def _first_files_of_trials(files: Sequence[_File], config: Config) -> list[_File
 
 def _is_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     """Whether a file is a log; a folder may hold tables and other files, too."""
-    if not one.asked and (written := own_output(one.path)):
-        remarks.append(left_out(one.name, f"it is {written}, no log"))
-        return False
     if one.kind == "csv":
         return _is_csv_log(one, config, remarks)
     if one.asked or one.kind == "mcap" or config.maps_format(one.kind):

@@ -13,7 +13,6 @@ import numpy as np
 from rovid.core.budget import SECONDS_PER_HOUR, ProgressCallback
 from rovid.core.errors import ConfigError, DataError, LogError, suggestion
 from rovid.core.input_files import read_toml
-from rovid.core.output_files import own_output
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
 from rovid.effects import Effect, forms_for
@@ -293,7 +292,7 @@ def input_files(paths: Sequence[Path]) -> list[Path]:
     """Files that rovid may read for ``paths``: logs, tables, rovid.toml and its thrust curves, without planned runs."""
     if not paths:
         return []
-    files = [path for path in candidate_files(paths) if path.is_file() and not own_output(path)]
+    files = [path for path in candidate_files(paths) if path.is_file()]
     return [*files, *config_files(paths)]
 
 
