@@ -36,11 +36,6 @@ class EstimatePair:
     samples: int  # Number of samples of both campaigns
 
     @property
-    def difference(self) -> FloatArray:
-        """(p,) values of B minus A."""
-        return self.b - self.a
-
-    @property
     def covariance(self) -> FloatArray:
         """(p, p) covariance of the difference."""
         return self.covariance_a + self.covariance_b
@@ -185,7 +180,7 @@ class DifferenceTest:
     def difference(self, name: str) -> tuple[float, float]:
         """B minus A of a parameter with its standard error."""
         at = self.pair.names.index(name)
-        return float(self.pair.difference[at]), float(math.sqrt(self.pair.covariance[at, at]))
+        return float(self.pair.b[at] - self.pair.a[at]), float(math.sqrt(self.pair.covariance[at, at]))
 
     def parameter_ratio(
         self, first: str, second: str
@@ -230,7 +225,7 @@ class _Selection:
         # Whitening transform of the difference.
         values, vectors = np.linalg.eigh(sum(self._covariances) / np.outer(pair.errors, pair.errors))
         self._whiten = (vectors / np.sqrt(np.maximum(values, _TINY))).T / pair.errors
-        self._z = self._whiten @ pair.difference
+        self._z = self._whiten @ (pair.b - pair.a)
         self._penalty = 0.5 * math.log(max(pair.samples, 2))
         self._gains: dict[tuple[ChangeCandidate, ...], tuple[float, int]] = {}
 
@@ -275,6 +270,13 @@ class _Selection:
             others = [other for other in chosen if other is not candidate]
             if self.bic_score(others) >= self.bic_score(chosen):
                 chosen = others
+        others = [candidate for candidate in chosen if not candidate.inverse]
+        own = [one for one in self.candidates if one.is_factor and not one.inverse and one not in others]
+        if 0 < len(others) < len(chosen) and own:
+            # Inertia and drag that change by two factors would else be named as thrust and one of them.
+            best = max(own, key=lambda one: self.bic_score([*others, one]))
+            if self.bic_score([*others, best]) > self.bic_score(chosen) - _RULED_OUT:
+                chosen = [*others, best]
         return chosen
 
     def _best(self, candidates: Sequence[ChangeCandidate], chosen: Sequence[ChangeCandidate]) -> ChangeCandidate:

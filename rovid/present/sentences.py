@@ -151,7 +151,8 @@ def change_sentence(comparison: Comparison, change: ParameterChange) -> str:
     """A change with its size, and the changes that the data do not distinguish from it."""
     said = _change_with_size(comparison, change)
     if change.indistinguishable:
-        others = join_words(list(map(_change_title, change.indistinguishable)), "or")
+        titles = [_ALL_THRUST if one.name == THRUST_SCALE else _change_title(one) for one in change.indistinguishable]
+        others = join_words(titles, "or")
         said += f" (these data do not distinguish it from {others})"
     return said
 

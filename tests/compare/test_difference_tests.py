@@ -67,6 +67,15 @@ def test_less_thrust_is_one_inverse_change() -> None:
     assert 0.0 < change.standard_error < 0.005
 
 
+def test_two_factors_of_the_vehicle_are_not_named_as_thrust_and_one_of_them() -> None:
+    both = moved("quadratic_drag", "linear_drag", by=1.15)
+    both[NAMES.index("inertia")] *= 1.1
+    for seed in range(5):
+        changes = found(pair(both, seed=seed)).established
+        # The quadratic drag alone may explain the change of all drag.
+        assert sorted(change.candidate.name for change in changes) in (["drag", "inertia"], ["inertia", "quadratic_drag"])
+
+
 @pytest.mark.slow
 def test_the_error_of_a_ratio_is_correct() -> None:
     b, off, shared = moved("quadratic_drag", by=1.1), [], []

@@ -203,7 +203,7 @@ def plot_drag(changes: DifferenceTest, fastest: float, axis: Axis) -> Figure | N
     rate = np.linspace(0.0, fastest, _DRAG_STEPS)
     _plot_band(top, rate, pair.a[places], pair.covariance_a[block], (canvas.BLUE, "-", "A, 95 % band"))
     _plot_band(top, rate, pair.b[places], pair.covariance_b[block], (canvas.ORANGE, "--", "B, 95 % band"))
-    _plot_band(bottom, rate, pair.difference[places], pair.covariance[block], (canvas.BLACK, "-", "B less A"))
+    _plot_band(bottom, rate, (pair.b - pair.a)[places], pair.covariance[block], (canvas.BLACK, "-", "B less A"))
     bottom.axhline(0.0, color=canvas.GREY, linestyle="--")
     top.set_ylabel(f"drag, {axis.force_unit}")
     bottom.set_ylabel(f"B less A, {axis.force_unit}")
