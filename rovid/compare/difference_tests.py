@@ -5,6 +5,7 @@ Parameters that did not change are shared by classical minimum distance (Newey a
 as precise as a joint likelihood, and still valid if a likelihood understates its errors.
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -270,13 +271,14 @@ class _Selection:
             others = [other for other in chosen if other is not candidate]
             if self.bic_score(others) >= self.bic_score(chosen):
                 chosen = others
-        others = [candidate for candidate in chosen if not candidate.inverse]
-        own = [one for one in self.candidates if one.is_factor and not one.inverse and one not in others]
-        if 0 < len(others) < len(chosen) and own:
+        causes = [candidate for candidate in chosen if not candidate.is_factor]
+        count = len(chosen) - len(causes)
+        if count > 1 and any(candidate.inverse for candidate in chosen):
             # Inertia and drag that change by two factors would else be named as thrust and one of them.
-            best = max(own, key=lambda one: self.bic_score([*others, one]))
-            if self.bic_score([*others, best]) > self.bic_score(chosen) - _RULED_OUT:
-                chosen = [*others, best]
+            own = [candidate for candidate in self.candidates if candidate.is_factor and not candidate.inverse]
+            best = max(itertools.combinations(own, count), key=lambda one: self.bic_score([*one, *causes]), default=())
+            if best and self.bic_score([*best, *causes]) > self.bic_score(chosen) - _RULED_OUT:
+                return [*best, *causes]
         return chosen
 
     def _best(self, candidates: Sequence[ChangeCandidate], chosen: Sequence[ChangeCandidate]) -> ChangeCandidate:
@@ -318,8 +320,7 @@ class _Selection:
         if not candidate.is_factor:
             return math.nan, math.nan
         values, covariance = self.joint([*others, candidate])
-        in_a = int(np.flatnonzero(candidate.directions[:, 0])[0])
-        at = [in_a, in_a + len(self.pair.names)]
+        at = [in_a := int(np.flatnonzero(candidate.directions[:, 0])[0]), in_a + len(self.pair.names)]
         a, b = values[at]
         if not abs(a) > _FROM_ZERO * math.sqrt(covariance[in_a, in_a]):
             return math.nan, math.nan
