@@ -101,7 +101,7 @@ def _factor(pair: EstimatePair, name: str, parameters: Sequence[str]) -> ChangeC
     return ChangeCandidate(name=name, parameters=tuple(parameters), directions=direction[:, np.newaxis])
 
 
-# Log-likelihood ratio beyond which an alternative is ruled out: 1 in 20; a decision.
+# Log-likelihood ratio beyond which an swap is ruled out: 1 in 20; a decision.
 _RULED_OUT = math.log(20.0)
 # Maximum number of changes.
 _MOST_CHANGES = 6
@@ -276,9 +276,9 @@ class _Selection:
         if count > 1 and any(candidate.inverse for candidate in chosen):
             # Inertia and drag that change by two factors would else be named as thrust and one of them.
             own = [candidate for candidate in self.candidates if candidate.is_factor and not candidate.inverse]
-            best = max(itertools.combinations(own, count), key=lambda one: self.bic_score([*one, *causes]), default=())
-            if best and self.bic_score([*best, *causes]) > self.bic_score(chosen) - _RULED_OUT:
-                return [*best, *causes]
+            swap = max(itertools.combinations(own, count), key=lambda one: self.bic_score([*one, *causes]), default=())
+            if swap and self.bic_score([*swap, *causes]) > self.bic_score(chosen) - _RULED_OUT:
+                return [*swap, *causes]
         return chosen
 
     def _best(self, candidates: Sequence[ChangeCandidate], chosen: Sequence[ChangeCandidate]) -> ChangeCandidate:
