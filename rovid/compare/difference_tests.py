@@ -101,7 +101,7 @@ def _factor(pair: EstimatePair, name: str, parameters: Sequence[str]) -> ChangeC
     return ChangeCandidate(name=name, parameters=tuple(parameters), directions=direction[:, np.newaxis])
 
 
-# Log-likelihood ratio beyond which an swap is ruled out: 1 in 20; a decision.
+# Log-likelihood ratio beyond which an alternative is ruled out: 1 in 20; a decision.
 _RULED_OUT = math.log(20.0)
 # Maximum number of changes.
 _MOST_CHANGES = 6
