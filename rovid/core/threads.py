@@ -37,6 +37,20 @@ def tune_process() -> None:
                 mallopt(parameter, value)
 
 
+# Bytes of addresses that a diagnosis needs; with less the compiler ends the process or waits for ever.
+_LEAST_ADDRESSES = 1_000_000_000
+
+
+def require_address_space() -> None:
+    """Raise MemoryError if the process may not have as much memory as a diagnosis needs (ulimit -v)."""
+    if sys.platform != "win32":
+        import resource
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if limit != resource.RLIM_INFINITY and limit < _LEAST_ADDRESSES:
+            raise MemoryError
+
+
 # Environment variable: how many cores this process may use, if it shares them with other processes of rovid.
 CORES_VARIABLE = "ROVID_CORES"
 # s; switch interval of Python's threads while several work. A compiled loop takes less than Python's default of 5 ms.

@@ -15,6 +15,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget
+from rovid.core.threads import require_address_space
 from rovid.diagnose.candidate_fits import FitCache, bic_score, fit_coarse, is_plausible
 from rovid.diagnose.cross_validation import CvPiece, cv_pieces
 from rovid.diagnose.signal_regressors import signal_regressors
@@ -308,8 +309,10 @@ def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: M
 def preload(*, wait: bool = False) -> bool:
     """Import libraries, and load the kernels if they are compiled, or with ``wait``; return whether they are compiled.
 
-    Call it while logs are read. Without compiled kernels, forked processes would compile each for itself.
+    Call it while logs are read. Without compiled kernels, forked processes would compile each for itself. Raises
+    MemoryError if a limit leaves no room for a diagnosis.
     """
+    require_address_space()
     from rovid.model.kernels import compile_all, is_compiled
 
     for name in ("scipy.linalg", "scipy.optimize"):

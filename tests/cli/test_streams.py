@@ -87,6 +87,17 @@ def test_too_little_memory_is_one_message(
     assert capsys.readouterr().err.startswith("rovid: there is not enough memory.")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="a limit of the address space")
+def test_a_limit_that_is_too_low_for_a_diagnosis_is_one_message(tmp_path: Path) -> None:
+    """With 800 MB the compiler of the kernels would end the process, or wait for ever."""
+    command = f'ulimit -v 800000; "{sys.executable}" -m rovid diagnose "{SAMPLES / "rosub_hidden"}" -p p.toml'
+    done = subprocess.run(["sh", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("rovid: there is not enough memory. rovid needs about 1 GB")
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "p.toml").exists()
+
+
 def test_other_errors_are_not_taken_for_a_lack_of_memory() -> None:
     for error in (OSError(1, "of another kind"), ImportError("No module named 'x'"), RuntimeError("a fault of rovid")):
         assert not machine_error(error)

@@ -8,7 +8,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.markdown import Markdown, Paragraph, TableElement
 
 import rovid
-from rovid.core.errors import ConfigError, quoted_list, suggestion
+from rovid.core.errors import ConfigError, suggestion
 from rovid.export import ALIASES as FORMAT_WORDS
 from rovid.export import FORMATS
 from rovid.present.console import ResultTable, print_text, text_column, wrap_text
@@ -94,12 +94,7 @@ def topic_text(topic: str) -> str:
         from rovid.effects import SYNONYMS
 
         nearest = suggestion(topic, there, _ALSO | dict(SYNONYMS))
-        mend = "`rovid help` lists them all."
-        # The three pages on which ``words`` stand most often.
-        counts = {page: _path(page).read_text(encoding="utf-8").lower().count(topic.lower()) for page in TOPICS}
-        if holding := sorted(filter(counts.get, counts), key=counts.__getitem__, reverse=True)[:3]:
-            mend = f"The words stand most often on the pages {quoted_list(holding)}. {mend}"
-        raise ConfigError(f"there is no page {topic!r}. {nearest}", mend=mend)
+        raise ConfigError(f"there is no page {topic!r}. {nearest}", mend="`rovid help` lists them all.")
     page = _COMMENT.sub("", _path(topic).read_text(encoding="utf-8"))
     page = _TAG.sub("", page)
     page = _LINK.sub(lambda link: _reference(link, topic), _PICTURE.sub("", page))
@@ -147,13 +142,21 @@ _WIDEST = 100
 
 def show_topic(console: Console, topic: str) -> None:
     """Print a page."""
-    page = _Page(topic_text(topic), code_theme="bw", hyperlinks=False)
-    console.print(page, width=min(console.width, _WIDEST))
+    show_markdown(console, topic_text(topic))
+
+
+def show_markdown(console: Console, text: str) -> None:
+    """Print a text in Markdown."""
+    console.print(_Page(text, code_theme="bw", hyperlinks=False), width=min(console.width, _WIDEST))
 
 
 def show_topics(console: Console) -> None:
     """Print the list of pages."""
-    print_text(console, "`rovid help TOPIC` prints one of these pages, `rovid help COMMAND` the manual of a command.")
+    text = (
+        "`rovid help TOPIC` prints one of these pages, `rovid help COMMAND` the manual of a command, and `rovid help "
+        "WORDS` the passages with all these words."
+    )
+    print_text(console, text)
     console.print()
     effects, faults = catalogue_pages("effects"), catalogue_pages("faults")
     for caption, topics in (("Pages", TOPICS), ("Effects", effects), ("Faults of logs", faults)):

@@ -11,7 +11,7 @@ import pytest
 
 from rovid.core.errors import ConfigError
 from rovid.effects import CATALOGUE
-from rovid.present.terminal import topics
+from rovid.present.terminal import topic_search, topics
 from tests.conftest import ROOT, Rovid
 
 DOCS = ROOT / "docs"
@@ -50,6 +50,27 @@ def test_an_effect_is_told_as_its_page_tells_it() -> None:
 def test_what_is_called_otherwise_is_found(asked: str, nearest: str) -> None:
     with pytest.raises(ConfigError, match=f"there is no page '{asked}'. Nearest: .*'{nearest}'"):
         topics.topic_text(asked)
+
+
+@pytest.mark.parametrize(
+    ("words", "heading"),
+    [
+        ("sign of a yaw arm", "Which sign does a yaw arm have?"),
+        ("how long is a hold", "How long should a hold be?"),
+        ("what is the noise floor", "What is the noise floor?"),
+        ("confirmed likely possible", "What do confirmed, likely, possible and cannot tell mean?"),
+        ("what does likely mean", "What do confirmed, likely, possible and cannot tell mean?"),
+        ("ROS 1 bag", "Does rovid read my log format?"),
+        ("dataflash", "Logs: formats, conversion, recordings of simulations"),
+        ("buoyancy gazebo", "In your own Gazebo world"),
+    ],
+)
+def test_words_of_a_question_find_the_passage(words: str, heading: str, rovid: Rovid) -> None:
+    first = topic_search.find_passages(words)[0]
+    assert first.heading == heading
+    done = rovid("help", *words.split())
+    assert done.code == 0
+    assert f"rovid help {first.topic}: {heading}" in " ".join(done.out.split())
 
 
 def test_a_wheel_brings_the_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rovid: Rovid) -> None:
