@@ -15,6 +15,7 @@ from rovid.core.errors import RovidError
 from rovid.trial.config import load_config, load_planar_config
 from tests.app.conftest import DAY, logs_into, riddle
 from tests.conftest import SAMPLES, run_rovid
+from tests.preflight.test_drive_guess import boat
 
 
 def desk(top: Path) -> Api:
@@ -65,6 +66,19 @@ def test_the_unit_of_the_time_is_a_choice(tmp_path: Path) -> None:
     assert spans[1] == pytest.approx(1e-3 * spans[0])
     with pytest.raises(RovidError, match="invalid choice"):
         one.draft(chosen(time_unit="h"))
+
+
+def test_a_rudder_is_part_of_the_answer(tmp_path: Path) -> None:
+    (tmp_path / "day").mkdir()
+    boat(tmp_path / "day")
+    one = desk(tmp_path)
+    [rudder] = one.draft({"logs": ["day"]})["survey"]["rudders"]["csv"]
+    assert (rudder["name"], rudder["source"], rudder["unit"]) == ("rudder", "helm_deg", "deg")
+    assert "turns the heading down" in rudder["why"]
+    # Another role of its column takes it out.
+    signals = {"heading": {"source": "hdg_deg", "unit": "deg"}, "helm": {"source": "helm_deg"}}
+    document = one.draft({"logs": ["day"], "signals": {"csv": signals}, "commands": {}})
+    assert document["survey"]["rudders"] == {"csv": []}
 
 
 def test_surge_sway_and_yaw_can_be_taken_together(tmp_path: Path) -> None:

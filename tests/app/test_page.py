@@ -17,6 +17,7 @@ from playwright.sync_api import Browser, Locator, Page, sync_playwright
 from rovid.trial.config import load_config
 from tests.app.conftest import logs_into, riddle
 from tests.app.served import Served, served
+from tests.preflight.test_drive_guess import boat
 from tests.present.chromium import find_chromium
 
 pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here")
@@ -222,6 +223,29 @@ def test_a_cancelled_run_can_be_started_again(browser: Browser, tmp_path: Path) 
         page.locator("#run-said", has_text="Cancelled").wait_for()
         assert page.locator("#run-button").is_visible()
         assert not page.locator("#report").is_visible()
+
+
+@pytest.mark.slow
+def test_a_rudder_and_the_unit_of_the_time_are_shown(browser: Browser, tmp_path: Path) -> None:
+    top = tmp_path / "top"
+    (top / "day").mkdir(parents=True)
+    boat(top / "day")
+    log = top / "day" / "run.csv"
+    head, *rows = log.read_text().splitlines()
+    stamped = [f"{100 * at},{row.partition(',')[2]}" for at, row in enumerate(rows)]
+    log.write_text("\n".join([f"tick,{head.partition(',')[2]}", *stamped]) + "\n")
+    with served(top, "day") as server, opened(browser, server) as page:
+        headline(page, "Go with care")
+        assert page.locator("#time-unit option:checked").inner_text() == "ms (a guess)"
+        assert role(page, "helm_deg").locator("option:checked").inner_text() == "angle of a rudder"
+        page.locator("#columns-said", has_text="in use: 3").wait_for()
+        show_step(page, "thrusters")
+        assert "its angle is helm_deg" in page.locator("#senses").inner_text()
+        show_step(page, "signals")
+        page.locator("#time-unit").select_option("us")
+        headline(page, "No go")
+        page.locator("#now-list button", has_text="Go to the unit of the time").click()
+        assert page.evaluate("document.activeElement.id") == "time-unit"
 
 
 @pytest.mark.slow

@@ -296,6 +296,9 @@ def test_dark_and_narrow_and_print(tab: Tab) -> None:
         tab.until("document.querySelectorAll('#viewer-panels canvas').length === 5")
         tab.until("document.querySelector('#viewer-panels canvas').clientWidth <= 400")
         assert tab.ask("document.documentElement.scrollWidth") <= 400
+        tab.call("Emulation.setDeviceMetricsOverride", width=320, height=800, deviceScaleFactor=2, mobile=True)
+        tab.until("document.querySelector('#viewer-panels canvas').clientWidth <= 320")
+        assert tab.ask("document.documentElement.scrollWidth") <= 320
         tab.call("Emulation.setEmulatedMedia", media="print")
         assert tab.ask("getComputedStyle(document.getElementById('viewer-root')).display") == "none"
     finally:

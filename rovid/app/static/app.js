@@ -22,6 +22,8 @@ let draft = null, checked = null, saved = false, running = false;
 const SMALL = 4e6;
 
 const key = (kind, source) => `${kind}|${source}`;
+// A column that rovid takes for the angle of a rudder, unless the user gives it another role.
+const rudderOf = (kind, source) => (theirs() ? null : draft?.survey.rudders[kind]?.find((one) => one.source === source));
 const current = () => look?.logs.find(({ path }) => path === byId("log").value);
 
 function trouble(error) {
@@ -249,14 +251,14 @@ const openLog = async () => {
 };
 
 function sayColumns() {
-  const used = shownColumns.filter(({ source }) => columns.get(key(current().kind, source))?.role).length;
+  const used = shownColumns.filter(({ source }) => columns.get(key(current().kind, source))?.role || rudderOf(current().kind, source)).length;
   const shown = document.querySelectorAll("#rows .row").length;
   byId("columns-said").textContent = `${shown} of ${shownColumns.length} columns of this log are shown; in use: ${used}.`;
 }
 
 function listColumns() {
   const { kind } = current(), all = byId("which").value === "all";
-  const roleOf = ({ source }) => columns.get(key(kind, source))?.role ?? "";
+  const roleOf = ({ source }) => columns.get(key(kind, source))?.role || (rudderOf(kind, source) ? "command" : "");
   const rank = (column) => (FIRST.indexOf(roleOf(column)) + FIRST.length + 1) % (FIRST.length + 1);
   const used = shownColumns.filter((column) => roleOf(column)).sort((a, b) => rank(a) - rank(b));
   const list = all || !used.length ? [...used, ...shownColumns.filter((column) => !roleOf(column))] : used;
@@ -268,11 +270,12 @@ function listColumns() {
 function columnRow(kind, { source, samples, lowest, highest }) {
   const row = element("div"), side = element("div", "", row), id = key(kind, source);
   const own = columns.get(id) ?? { kind, source, role: "", name: "", unit: "", sign: 1 };
-  row.className = own.role ? "row used" : "row";
+  const rudder = rudderOf(kind, source);
+  row.className = own.role || rudder ? "row used" : "row";
   element("h3", source, side);
   const line = element("div", "", side, { class: "line" });
   const role = element("select", "", line, { "aria-label": `What ${source} is` });
-  for (const [value, words] of Object.entries(ROLES)) element("option", words, role, { value });
+  for (const [value, words] of Object.entries(ROLES)) element("option", rudder && !value ? "angle of a rudder" : words, role, { value });
   role.value = own.role;
   role.disabled = theirs();
   role.addEventListener("change", () => {
@@ -296,7 +299,7 @@ function columnRow(kind, { source, samples, lowest, highest }) {
   const declared = own.unit || "";
   const range = samples ? `${tidy(lowest)} to ${tidy(highest)}, ${samples} readings` : "no numbers in this log";
   element("p", why(kind, source) || range, side, { class: "why soft" });
-  element("div", "", row, { class: "chart", "data-source": source, "data-used": own.role, "data-unit": declared, role: "img", "aria-label": `${source} over time: ${range}` });
+  element("div", "", row, { class: "chart", "data-source": source, "data-used": own.role || (rudder ? "command" : ""), "data-unit": declared || rudder?.unit || "", role: "img", "aria-label": `${source} over time: ${range}` });
   return row;
 }
 
@@ -313,7 +316,7 @@ function renewRow(kind, source) {
 function why(kind, source) {
   const { signals, commands } = draft?.survey ?? { signals: {}, commands: {} };
   const one = [...Object.values(signals[kind] ?? {}), ...(commands[kind] ?? [])].find((each) => each.source === source);
-  const { role } = columns.get(key(kind, source)) ?? {}, words = role ? one?.why ?? "" : "";
+  const { role } = columns.get(key(kind, source)) ?? {}, words = (role ? one : rudderOf(kind, source))?.why ?? "";
   return role === "heading" && words ? `${words}; shown without jumps of whole turns` : words;
 }
 
@@ -392,7 +395,10 @@ function showThrusters() {
     const arm = theirs() ? "arm of rovid.toml" : one.hand ? "arm entered by you" : told?.arm ? "arm from the vehicle type" : "arm unknown: 1 m is used as a placeholder";
     notes.push(element("li", `${name}: ${arm}${told ? `; ${told.why}` : ""}`));
   }
-  if (!notes.length) notes.push(element("li", "No thrusters yet: choose above which columns command thrusters."));
+  for (const { name, source, why: reason } of theirs() ? [] : Object.values(draft?.survey.rudders ?? {}).flat()) {
+    notes.push(element("li", `${name}: its angle is ${source}; ${reason}. No log holds its coefficient: if you know it, enter it in rovid.toml. Times and ratios are valid without it.`));
+  }
+  if (!notes.length) notes.push(element("li", "No thrusters yet: choose in the step Signals which columns command thrusters."));
   byId("senses").replaceChildren(...notes);
   byId("thruster-table").hidden = !thrusters.size;
 }
@@ -837,7 +843,7 @@ function show() {
 
 // The unit of a time column: as its name or its values show, or as chosen.
 function showTimeUnit() {
-  const { time } = draft.survey, guessed = time?.why ? `${time.unit} (a guess)` : "the unit of its column";
+  const { time } = draft.survey, guessed = time?.why ? `${time.unit} (a guess)` : "the unit of the log";
   byId("time-label").hidden = !time;
   byId("time-unit").replaceChildren(...["auto", "s", "ms", "us", "ns"].map((unit) => element("option", unit === "auto" ? guessed : unit, null, { value: unit })));
   byId("time-unit").value = timeUnit;

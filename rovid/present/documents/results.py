@@ -201,7 +201,7 @@ def _percentages(percent: Mapping[str, float]) -> fits.Document:
 
 def survey_document(survey: LogSurvey, written: Sequence[Path]) -> fits.Document:
     """The document of `rovid init --json`."""
-    signals, commands, unused = {}, {}, {}
+    signals, commands, rudders, unused = {}, {}, {}, {}
     for kind, mapping in survey.mappings.items():
         signals[kind] = {
             name: {"source": guess.source, "unit": guess.unit or None, "sign": guess.sign, "why": guess.reason}
@@ -212,6 +212,10 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> fits.Document
             | {"turns": guess.direction, "told": guess.direction_known, "arm": guess.arm or None}
             | fits.fields(guess.observed, standard_errors="t_statistic", share="explained_share")
             for guess in mapping.commands
+        ]
+        rudders[kind] = [
+            {"name": one.name, "source": one.angle.source, "unit": one.angle.unit, "why": one.angle.reason}
+            for one in mapping.rudders
         ]
         unused[kind] = list(mapping.unused)
     return {
@@ -226,6 +230,7 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> fits.Document
         "clocks": list(map(_clock_document, survey.clock_offsets.offsets)),
         "signals": signals,
         "commands": commands,
+        "rudders": rudders,
         "unused": unused,
         "open": [*survey.unrecognised, *(f"sense of {source}" for source in survey.unknown_directions)],
         **fits.guess_document(assumptions_in(survey)),

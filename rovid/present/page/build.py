@@ -27,7 +27,7 @@ from rovid.trial.axis import YAW
 
 _T = TypeVar("_T")
 _Report = Callable[[str], None]
-_DIAGNOSING = "Diagnosing, which takes some seconds or more (--no-diagnosis leaves it out):"
+_DIAGNOSING = "Diagnosing (skip it with --no-diagnosis):"
 
 
 def build_report(
@@ -230,7 +230,7 @@ def designed_control(study: Study, stored: Parameters, report: _Report) -> tuple
         conditions = loop_conditions(options, model, study.position_noise(), study.median_torque())
         return design_controller(stored, study.vehicle, conditions, options)
 
-    report("Closing the loop, which takes long where there are effects (--no-control leaves it out) …")
+    report("Designing the controller, and closing its loop (skip it with --no-control) …")
     return _or_refusal(design)
 
 
@@ -242,5 +242,5 @@ def every_export(study: Study, stored: Parameters, report: _Report) -> tuple[Map
         subject = export_input(stored, study)
         return {name: verified_export(load_exporter(name), subject) for name in FORMATS}
 
-    report("Simulating with the equations of the simulators (--no-export leaves it out) …")
+    report("Simulating with the equations of the simulators (skip it with --no-export) …")
     return _or_refusal(every)
