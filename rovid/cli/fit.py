@@ -16,6 +16,7 @@ from rovid.core.errors import ConfigError, suggestion
 if TYPE_CHECKING:
     from rovid.cli.sessions import FitSession
     from rovid.estimate.thrust_curve import ThrustScale
+    from rovid.store.parameter_file import Parameters
     from rovid.store.study import Study
     from rovid.trial.vehicle import Vehicle
 
@@ -125,7 +126,7 @@ def fit_thrust_scale(
         (first, one), (second, two) = (
             (path, existing_parameters(SharedOptions(parameters=path))) for path in (before, after)
         )
-        pairs = []
+        given, pairs = _common_scale(one, two), []
         for path, stored in ((first, one), (second, two)):
             if "inertia" not in stored.entries:
                 raise ConfigError("holds no inertia.", where=path, mend="Run `rovid fit` with -p for this file.")
@@ -138,6 +139,23 @@ def fit_thrust_scale(
         print_json(thrust_scale_document(scale, given))
     else:
         show_thrust_scale(console(), scale, given)
+
+
+def _common_scale(before: Parameters, after: Parameters) -> float:
+    """The scale of the thrust that both files rest on. Raises ConfigError if their thrusts differ."""
+    if before.settings is None or after.settings is None:
+        return 1.0
+    if differences := before.settings.changes(after.settings, drive_alone=True):
+        text = f"rests on another thrust than {before.path}: {'; '.join(differences)}."
+        raise ConfigError(
+            text, where=after.path, mend="Fit both with the same thrusters and thrust_scale in rovid.toml."
+        )
+    if "thrust_scale_error" not in after.settings.drive:
+        return 1.0
+    from rovid.trial.config import find_config, load_config
+
+    vehicle: Vehicle = load_config(find_config(after.logs)).vehicle
+    return vehicle.thrust_scale
 
 
 def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:

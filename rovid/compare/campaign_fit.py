@@ -233,7 +233,8 @@ def input_warnings(a: CampaignFit, b: CampaignFit) -> Iterator[str]:
 
 def _thrusters(settings: ConfigFingerprint) -> str:
     """Names of the thrusters, or of the logged torque."""
-    return ", ".join(sorted({name.partition(" of ")[2] or f"logged {name}" for name in settings.drive})) or "nothing"
+    drive = settings.drive.keys() - {"thrust_scale_error"}
+    return ", ".join(sorted({name.partition(" of ")[2] or f"logged {name}" for name in drive})) or "nothing"
 
 
 def with_diagnosis(

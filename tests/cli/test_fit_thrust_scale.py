@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from tests.conftest import SAMPLES, Rovid, write_short_day
+from tests.whole.test_bad_input import assert_one_message
 
 TRUE = 1.2
 
@@ -53,6 +54,8 @@ def test_a_scale_from_a_table_is_carried_into_every_fit(
     again = rovid("fit-thrust-scale", table, "--json").document["thrust_scale"]
     assert again["value"] == pytest.approx(found["value"], rel=1e-9)
     assert "thrust_scale_error" in (tmp_path / "after.toml").read_text()
+    mixed = rovid("fit-thrust-scale", "--before", "before.toml", "--after", "after.toml", "--added", "100")
+    assert_one_message(mixed, "after.toml", "rests on another thrust than", "thrust_scale_error is new")
 
 
 def test_wrong_tests_are_one_message(tmp_path: Path, rovid: Rovid) -> None:
