@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -12,10 +13,13 @@ import pytest
 from rovid.control.control_law import paper_runs
 from rovid.control.design import ControllerDesign
 from rovid.core.budget import BudgetUse
+from rovid.core.formatting import SafeConsole
 from rovid.diagnose.result import next_experiment
 from rovid.present.page.summary import summarize
 from rovid.present.report_data import ReportData
 from rovid.present.sentences import cautions, control_verdict, fit_verdict, next_step, verdict_sentence
+from rovid.present.terminal.watch import show_watch_event
+from rovid.store.watch_session import LogsDiagnosed
 from rovid.trial.assumptions import Assumptions
 
 
@@ -47,6 +51,12 @@ def test_a_search_that_the_budget_ended_claims_nothing_about_what_it_did_not_try
     assert "before every cause was tried" in screen.no_cause
     named = replace(lagged.diagnosis, budget=used_up)
     assert any("before every cause was tried" in text for text in cautions(named, (), lagged.vehicle))
+    study = cast("Any", SimpleNamespace(vehicle=lagged.vehicle))
+    stream = io.StringIO()
+    show_watch_event(
+        SafeConsole(file=stream, width=200), LogsDiagnosed(study=study, diagnosis=named, fit=None, criteria=())
+    )
+    assert "before every cause was tried" in stream.getvalue()
 
 
 def test_cautions_name_what_makes_a_diagnosis_doubtful(lagged: ReportData) -> None:

@@ -22,7 +22,7 @@ from rovid.present.console import (
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.documents.fits import Document, fields, fit_document, parameter_document
 from rovid.present.number_format import DASH, format_number
-from rovid.present.sentences import cause_name, evidence_words, join_words, verdict_sentence
+from rovid.present.sentences import CUT_SHORT, cause_name, evidence_words, join_words, verdict_sentence
 from rovid.store import watch_session
 from rovid.store.folder_monitor import Problem, WatchedLog
 from rovid.trial.fault import stopping
@@ -172,8 +172,10 @@ def _show_diagnosis(console: Console, event: watch_session.LogsDiagnosed) -> Non
     print_labelled(console, "Causes:", verdict_sentence(diagnosis, event.study.vehicle.assumptions), indent=2)
     for finding in diagnosis.causes:
         print_text(console, f"  {cause_name(finding)}: {evidence_words(finding)}", 4)
+    if diagnosis.is_cut_short and diagnosis.causes:
+        print_text(console, CUT_SHORT, 2)
     fitted = _estimate_of(event)
-    if extended is not None and (fitted is None or extended.estimate.names != fitted.names):
+    if extended is not None and diagnosis.findings and (fitted is None or extended.estimate.names != fitted.names):
         print_labelled(console, "Extended model, with these causes:")
         console.print(_parameters_table(extended.estimate, fitted))
     if not all(status.met for status in event.criteria):
