@@ -20,9 +20,9 @@ from rovid.core.errors import ConfigError, RovidError
 from rovid.core.formatting import encodable, to_json
 from rovid.core.input_files import special_kind
 from rovid.core.threads import CORES_VARIABLE
-from rovid.readers import READERS
 from rovid.store.study import input_files
 from rovid.trial.config import FILE_NAME
+from rovid.trial.log_files import is_log
 
 SCHEMA = "rovid-campaign/1"
 
@@ -147,7 +147,7 @@ def _search(folder: Path, out: Path) -> Iterator[Path]:
                 subfolders.clear()
                 continue
             subfolders[:] = sorted(name for name in subfolders if not name.startswith(".") and here / name != out)
-            if any(Path(name).suffix.lower() in READERS and not name.startswith(".") for name in files):
+            if any(not name.startswith(".") and is_log(here / name) for name in files):
                 log_folders.append(here)
     if not campaigns:
         yield folder

@@ -25,10 +25,12 @@ from rovid.readers.raw_log import LogContents
 from rovid.readers.timestamps import is_plausible
 from rovid.trial.axis import CLOCK_WORDS, YAW, Axis, Signal, name_words
 from rovid.trial.config import Config
-from rovid.trial.log_files import Join, guess_parts
+from rovid.trial.log_files import QUALIFIER, Join, guess_parts, is_log
 from rovid.trial.tables import CURVE_COLUMNS, column_names
 from rovid.trial.vehicle import Vehicle
 
+# Source -> its column.
+Log = Mapping[str, RawColumn]
 # Maximum number of logs of each format that are read; decision: the logs of one campaign are alike.
 _MAX_LOGS = 12
 # Units of time in s, other than s.
@@ -38,6 +40,10 @@ _MAX_PROBLEMS = 3
 _THRUST = word_list("thruster", "thrust")
 # Endings of the sources of orientations, from which a reader computes a heading.
 _ORIENTATIONS = ("orientation", "quaternion", "rotation", ".q")
+# Number of successive words in which the names of the files of a trial may differ: of sensors, and of topics.
+_PART_WORDS = (1, 4)
+# Number of ways that are tried for each.
+_MAX_GUESSES = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +134,7 @@ def log_files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
         inside = list_files(path, unreadable)
         problems += [f"{special}: is {kind}." for special, kind in inside.special_files.items()]
         for file in inside.files:
-            if file.suffix.lower() in READERS and (file == path or not own_output(file)):
+            if is_log(file) and (file == path or not own_output(file)):
                 yield file
 
 
@@ -165,7 +171,8 @@ def read_columns(path: Path, time_unit: str = "auto") -> tuple[LogContents, dict
     signals = {}
     for source in contents.sources:
         # Readers compute a heading from an orientation only for the signal "heading".
-        name = "heading" if source.endswith(_ORIENTATIONS) else source
+        is_orientation = source.lower().endswith(_ORIENTATIONS) or source in contents.orientations
+        name = "heading" if is_orientation else source
         signals[name] = Signal(name=name, sources={form.kind: source}, optional=True)
     clock = {form.kind: contents.clock} if contents.clock else {}
     complete_config = Config(
@@ -185,7 +192,11 @@ def read_columns(path: Path, time_unit: str = "auto") -> tuple[LogContents, dict
             if raw.sparse and is_thruster_command(channel.source) and is_zero(values):
                 values = np.nan_to_num(values)
             columns[channel.source] = RawColumn(
-                source=channel.source, time=channel.time[known], values=values[known], radians=channel.radians
+                source=channel.source,
+                # Files of one trial have their own zeros of time.
+                time=channel.time[known] + (raw.epoch or 0.0),
+                values=values[known],
+                radians=channel.radians,
             )
     intervals = [float(np.median(np.diff(column.time))) for column in columns.values() if len(column.time) > 1]
     interval, fitting = min(intervals, default=0.0), ("auto", 1.0)
@@ -209,7 +220,8 @@ def read_columns(path: Path, time_unit: str = "auto") -> tuple[LogContents, dict
 
 def _join_files(read: LogsRead, axis: Axis, headings: Sequence[str], commands: Sequence[str]) -> LogsRead:
     """Join the files of each trial, if no file holds both the motion and the commands."""
-    for kind, logs in read.logs.items():
+
+    def mapped(logs: Sequence[Log]) -> ColumnMapping:
         present = set().union(*logs)
         named = [resolve_source(heading, present) for heading in headings]
         hints = GuessHints(
@@ -217,26 +229,70 @@ def _join_files(read: LogsRead, axis: Axis, headings: Sequence[str], commands: S
             heading=next((heading for heading in named if heading in present), ""),
             commands=tuple(resolve_source(command, present) for command in commands),
         )
-        mapping = map_columns(logs, hints)
-        if mapping.missing or not mapping.actuation or any(_is_complete(log, mapping) for log in logs):
+        return map_columns(logs, hints)
+
+    for kind, names in read.names.items():
+        logs = read.logs[kind]
+        mapping = mapped(logs)
+        if any(_is_complete(log, mapping) for log in logs):
             continue
-        names = read.names[kind]
-        join = Join(parts=guess_parts(names))
-        files: dict[str, list[Mapping[str, RawColumn]]] = {}
-        for name, log in zip(names, logs, strict=True):
-            if join.part(name):
-                files.setdefault(join.trial_key(name), []).append(log)
-        joined = {name: _on_one_clock(parts, mapping) for name, parts in files.items()}
-        trials = {name: log for name, log in joined.items() if _is_complete(log, mapping)}
-        if trials:
-            parts = {join.part(name): clock for name, clock in read.file_clocks.items() if join.part(name)}
-            times = {part: (clock, "") for part, clock in parts.items() if clock != read.clocks[kind]}
-            read.logs[kind], read.names[kind] = list(trials.values()), list(trials)
-            return replace(read, join=replace(join, time=times))
+        for join, own in _joins(names, logs):
+            mapping = mapped(own)
+            if trials := _trials(join, names, own, mapping):
+                # The file of the motion names the trial.
+                moving = {
+                    join.part(name) for name, log in zip(names, own, strict=True) if mapping.measured.source in log
+                }
+                clocks = {join.part(name): clock for name, clock in read.file_clocks.items() if join.part(name)}
+                times = {part: (clock, "") for part, clock in clocks.items() if clock != read.clocks[kind]}
+                read.logs[kind], read.names[kind] = list(trials.values()), list(trials)
+                parts = tuple(sorted(join.parts, key=lambda part: part not in moving))
+                return replace(read, join=replace(join, parts=parts, time=times))
     return read
 
 
-def _on_one_clock(parts: Sequence[Mapping[str, RawColumn]], mapping: ColumnMapping) -> Mapping[str, RawColumn]:
+def _joins(names: Sequence[str], logs: Sequence[Log]) -> Iterator[tuple[Join, list[Log]]]:
+    """Ways in which files may form trials, each with the logs as that way names their columns.
+
+    Columns of the same name in several parts are told apart by the part. Its name may be that of a thruster too.
+    """
+    for parts in (parts for most in _PART_WORDS for parts in guess_parts(names, most)[:_MAX_GUESSES]):
+        join = Join(parts=parts)
+        owner = [join.part(name) for name in names]
+        held = Counter(
+            source for _, source in {(part, one) for part, log in zip(owner, logs, strict=True) for one in log}
+        )
+        for fewest in (2, 1):
+            shared = {source for source, count in held.items() if count >= fewest}
+            yield join, [_qualified(log, part, shared) for part, log in zip(owner, logs, strict=True)]
+
+
+def _qualified(log: Log, part: str, sources: Collection[str]) -> Log:
+    """Columns of a file of ``part``, with the part in front of those ``sources``."""
+    columns = {}
+    for source, column in log.items():
+        name = f"{part}{QUALIFIER}{source}" if part and source in sources else source
+        columns[name] = replace(column, source=name)
+    return columns
+
+
+def _trials(join: Join, names: Sequence[str], logs: Sequence[Log], mapping: ColumnMapping) -> dict[str, Log]:
+    """Columns of each trial that is complete, by its key; empty if a signal or the commands were not recognised."""
+    if mapping.missing or not mapping.actuation:
+        return {}
+    files: dict[str, list[Log]] = {}
+    for name, log in zip(names, logs, strict=True):
+        if join.part(name):
+            files.setdefault(join.trial_key(name), []).append(log)
+    column = mapping.measured.source.rpartition(QUALIFIER)[2]
+    moving = sum(source.rpartition(QUALIFIER)[2] == column for log in logs for source in log)
+    if len(files) == 1 and moving > 1:
+        return {}  # Those are several trials.
+    joined = {name: _on_one_clock(parts, mapping) for name, parts in files.items()}
+    return {name: log for name, log in joined.items() if _is_complete(log, mapping)}
+
+
+def _on_one_clock(parts: Sequence[Log], mapping: ColumnMapping) -> Log:
     """Columns of all files of a trial, on the clock of the motion where the offsets can be estimated."""
     position = mapping.measured
     home = next((part for part in parts if position.source in part), {})
@@ -254,6 +310,6 @@ def _on_one_clock(parts: Sequence[Mapping[str, RawColumn]], mapping: ColumnMappi
     return whole
 
 
-def _is_complete(log: Mapping[str, RawColumn], mapping: ColumnMapping) -> bool:
+def _is_complete(log: Log, mapping: ColumnMapping) -> bool:
     """Whether a log holds the motion and a command or a torque."""
-    return mapping.measured.source in log and not mapping.actuation.isdisjoint(log)
+    return not mapping.missing and mapping.measured.source in log and not mapping.actuation.isdisjoint(log)

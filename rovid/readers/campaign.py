@@ -21,7 +21,7 @@ from rovid.trial.axis import Axis
 from rovid.trial.config import Config, find_config, load_config
 from rovid.trial.cutting import split
 from rovid.trial.fault import Fault
-from rovid.trial.log_files import FORMATS
+from rovid.trial.log_files import FORMATS, QUALIFIER, is_log
 from rovid.trial.tables import CURVE_COLUMNS, PULL_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS, has_time
 from rovid.trial.trial import Campaign, Remark, Trial
 
@@ -115,7 +115,7 @@ def _files_in(paths: Sequence[Path], remarks: list[Remark]) -> list[_File]:
         remarks += [
             left_out(item.relative_to(path).as_posix(), f"it is {what}") for item, what in inside.special_files.items()
         ]
-        names = {item.relative_to(path).as_posix(): item for item in inside.files if item.suffix.lower() in READERS}
+        names = {item.relative_to(path).as_posix(): item for item in inside.files if is_log(item)}
         written: dict[str, list[str]] = {}
         for name, item in sorted(names.items()):
             if kind := own_output(item):
@@ -181,7 +181,8 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
 def _mapped_columns(config: Config) -> set[str]:
     """Columns of the time and of the signals in CSV files."""
     mapped = config.mapped_signals("csv").values()
-    return {config.time.sources.get("csv", ""), *(signal.sources["csv"] for signal in mapped)}
+    columns = {config.time.sources.get("csv", ""), *(signal.sources["csv"] for signal in mapped)}
+    return columns | {column.partition(QUALIFIER)[2] for column in columns if QUALIFIER in column}
 
 
 def _column_names(one: _File, config: Config) -> AbstractSet[str] | None:
@@ -189,7 +190,7 @@ def _column_names(one: _File, config: Config) -> AbstractSet[str] | None:
     from rovid.readers.csv_dialect import read_layout
 
     try:
-        return read_layout(one.path, _mapped_columns(config)).written_names
+        return read_layout(one.path, _mapped_columns(config)).sources
     except (OSError, LogError):
         return None
 

@@ -11,12 +11,15 @@ from pathlib import Path
 from typing import IO, Self
 
 from rovid.core.errors import LogError
+from rovid.readers.orientation_columns import orientations
 from rovid.trial.tables import suggest_columns
 
 # Bytes read at the beginning and at the end of the file.
 _HEAD = 1 << 16
 _TAIL = 1 << 16
 _DELIMITERS = (",", ";", "\t")
+# Delimiter of a table whose cells are aligned by spaces.
+SPACES = " "
 _BOMS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -67,6 +70,11 @@ class Layout:
     def written_names(self) -> set[str]:
         """Names by which rovid.toml may refer to the columns."""
         return {*self.names, *self.titles}
+
+    @property
+    def sources(self) -> set[str]:
+        """The same, and the orientations whose components are columns."""
+        return self.written_names | orientations(self.titles).keys()
 
     @property
     def wide(self) -> bool:
@@ -142,6 +150,8 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
     at, start, units_at = _header_lines(texts, wanted, path)
     line = texts[at]
     delimiter = max(_DELIMITERS, key=lambda sign: (_count_known(line, sign, wanted), len(_split(line, sign))))
+    if start < len(texts) and _has_spaced_numbers(texts[start]) and not _split(line, delimiter)[1:]:
+        delimiter, line = SPACES, line.lstrip("#%/")
     titles = _split(line.lstrip("#") if _is_comment(line) else line, delimiter)
     units = [cell.strip("[]() -") for cell in _split(texts[units_at], delimiter)] if units_at is not None else []
     names = [f"{title} [{unit}]" if unit else title for title, unit in zip_longest(titles, units[: len(titles)])]
@@ -214,7 +224,7 @@ def _header_lines(lines: list[str], wanted: Collection[str], path: Path) -> tupl
     """
 
     def known(line: str) -> int:
-        return max(_count_known(line, sign, wanted) for sign in _DELIMITERS)
+        return max(_count_known(line, sign, wanted) for sign in (*_DELIMITERS, SPACES))
 
     filled = [at for at, line in enumerate(lines) if _has_content(line)]
     number = filled[0] if filled else None
@@ -229,20 +239,40 @@ def _header_lines(lines: list[str], wanted: Collection[str], path: Path) -> tupl
 
     @cache  # Most lines are data below the header, and are not split.
     def cells(at: int) -> list[str]:
+        if _has_spaced_numbers(lines[at]):
+            return lines[at].split()
         return max((_split(lines[at], sign) for sign in _DELIMITERS), key=len)
 
+    # Lines of a keyword and its value above the table have fewer cells.
+    usual = max((len(cells(at)) for at in filled[-_DATA_ROWS:]), default=0)
+
     def have_data(rows: list[int]) -> bool:
-        return all(_has_data(cells(at)) for at in rows)
+        return all(_has_data(cells(at)) and 2 * len(cells(at)) > usual for at in rows)
 
     first = next((row for row in range(len(filled)) if have_data(filled[row : row + _DATA_ROWS])), 0)
     above = next((row for row in range(first, 0, -1) if have_data(filled[row - 1 : row])), 0)
     headers = filled[above:first]
     units = next((at for at in headers if _are_units(cells(at))), None)
     texts = [at for at in headers if at != units]
+    # Names between spaces are as many as the numbers below, and may follow the sign of a comment.
+    width = len(cells(filled[first])) if filled and _has_spaced_numbers(lines[filled[first]]) else 0
+
+    def named(at: int) -> int:
+        words = lines[at].lstrip("#%/").split()
+        return len(words) if len(words) == width else sum(map(bool, cells(at)))
+
+    if not texts and before and named(before[-1]) == len(cells(filled[first])) > 1:
+        number = before[-1]
     if number in filled and texts:
-        number = max(texts, key=lambda at: (known(lines[at]), sum(map(bool, cells(at))), -at))
+        number = max(texts, key=lambda at: (known(lines[at]), named(at), at if width else -at))
     start = number + 1 if units is None else filled[first]
     return number, start, units
+
+
+def _has_spaced_numbers(line: str) -> bool:
+    """Whether a line holds numbers between spaces, without another delimiter."""
+    words = line.split()
+    return len(words) > 1 and not set(line) & set(_DELIMITERS) and all(map(_DATUM.fullmatch, words))
 
 
 def _are_units(cells: Sequence[str]) -> bool:

@@ -10,67 +10,21 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 import numpy as np
 import pandas as pd
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
-from rovid.readers.csv_dialect import MISSING, Layout, last_whole_line, read_layout
+from rovid.readers.csv_dialect import MISSING, SPACES, Layout, last_whole_line, read_layout
+from rovid.readers.notation import NOTATIONS, has_thousands, read_grouped
+from rovid.readers.orientation_columns import join_orientations, orientations, split_orientations
 from rovid.readers.raw_log import Channel, FilePart, LogContents, RawLog, required_signals, required_time
 from rovid.readers.timestamps import SPLIT, clock_parts, column_to_seconds, guess_clock, start_epoch
 from rovid.trial.axis import Signal
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
-
-# Between groups of three digits: the sign that is not the decimal one, an apostrophe, a space, two narrow spaces.
-_SEPARATORS = "'’ \u00a0\u202f"
-_GROUPED = re.compile(rf"[+-]?\d{{1,3}}(?:[.,{_SEPARATORS}]\d{{3}})+(?:[.,]\d+)?")
-
-
-class Notation(NamedTuple):
-    """Decimal sign and thousands separators of a table."""
-
-    decimal: str
-    thousands: str
-
-    def numbers(self, cells: Sequence[str]) -> FloatArray | None:
-        """(n,) numbers of ``cells`` without outer spaces, NaN where empty; None if one is none in this notation."""
-        whole, sign = rf"(?:\d{{1,3}}(?:[{self.thousands}]\d{{3}})+|\d+)", re.escape(self.decimal)
-        number = re.compile(rf"[+-]?(?:{whole}(?:{sign}\d*)?|{sign}\d+)(?:[eE][+-]?\d+)?")
-        signs = str.maketrans({**dict.fromkeys(self.thousands), self.decimal: "."})
-        if not all(number.fullmatch(cell) for cell in cells if cell):
-            return None
-        return np.array([float(cell.translate(signs)) if cell else np.nan for cell in cells])
-
-
-NOTATIONS = (Notation(".", f",{_SEPARATORS}"), Notation(",", f".{_SEPARATORS}"))
-
-
-def has_thousands(cell: str) -> bool:
-    """Whether a cell may be a number with thousands separators."""
-    return bool(_GROUPED.fullmatch(cell))
-
-
-def read_grouped(columns: Sequence[Sequence[str]], time: int | None) -> list[FloatArray] | None:
-    """(n,) numbers of each of ``columns`` in the one notation that fits them all; None if no notation or both fit.
-
-    Where both fit, that one is taken in which the column ``time`` goes back less often: 999, 1.000, 1.001 is a time in
-    ms with thousands separators.
-    """
-    read = [list(map(notation.numbers, columns)) for notation in NOTATIONS]
-    fitting = [[one for one in numbers if one is not None] for numbers in read]
-    fitting = [numbers for numbers in fitting if len(numbers) == len(columns)]
-    if len(fitting) > 1 and time is not None:
-        one, other = (_backward_steps(numbers[time]) for numbers in fitting)
-        fitting = fitting[:1] if one < other else fitting[1:] if other < one else []
-    return fitting[0] if len(fitting) == 1 else None
-
-
-def _backward_steps(time: FloatArray) -> int:
-    return int(np.count_nonzero(np.diff(time[np.isfinite(time)]) <= 0.0))
-
 
 KIND = "csv"
 # Signal of the column that holds the rest of the seconds.
@@ -87,9 +41,11 @@ _MAX_LEFT_OUT = 8
 
 def read(path: Path, config: Config) -> RawLog:
     """Mapped columns of ``path``."""
-    signals = {"time": required_time(config, KIND), **required_signals(config, KIND, path)}
+    mapped = required_signals(config, KIND, path)
+    signals = {"time": required_time(config, KIND), **mapped}
     layout = read_layout(path, {signal.sources[KIND] for signal in signals.values()})
     layout = layout.without_stray_rows()
+    signals = split_orientations(signals, layout.written_names, KIND)
     clock, unit = signals["time"].sources[KIND], signals["time"].unit
     parts = clock_parts(clock, layout.written_names)
     if parts is not None:
@@ -117,7 +73,7 @@ def read(path: Path, config: Config) -> RawLog:
         values = time if at == columns["time"] else frame[at].to_numpy(dtype=np.float64)
         channels[name] = Channel(source=signal.sources[KIND], clock=clock, time=time, values=values)
     return RawLog(
-        channels=channels,
+        channels=join_orientations(channels, mapped, KIND),
         place=lambda _, row: f"line {table.line(row)}",
         remarks=(*_cut_remarks(size - nul - end, nul), *skipped),
         epoch=epoch,
@@ -222,7 +178,7 @@ class _Table:
             frame = pd.read_csv(
                 source,
                 engine="c",
-                sep=self.layout.delimiter,
+                sep=r"\s+" if self.layout.delimiter == SPACES else self.layout.delimiter,
                 decimal=decimal,
                 header=self.layout.before if direct else None,
                 # Texts, because pandas takes integers for positions among the used columns if there are no rows.
@@ -373,9 +329,12 @@ def sources(path: Path) -> LogContents:
     if numbers and not clock:
         text = "holds no column that could be the time: none only grows."
         raise LogError(text, where=path, mend="Export the log with a column of times, or leave it out.")
+    whole = orientations(tuple(numbers))
+    parts = {name for each in whole.values() for name in each.values()}
     return LogContents(
         clock=clock,
-        sources=tuple(name for name in numbers if name not in {clock, *clock.split(SPLIT)}),
+        sources=(*(name for name in numbers if name not in {clock, *clock.split(SPLIT), *parts}), *whole),
+        orientations=tuple(whole),
         unreadable=tuple(f"{path}: several columns are named {name!r}; none was used." for name in sorted(repeated)),
     )
 

@@ -157,11 +157,14 @@ def _own_config(file: Path, config: Config, join: Join) -> Config:
     if part in join.time:
         column, unit = join.time[part]
         time = replace(time, sources={**time.sources, kind: column}, unit=unit)
-    signals = {name: replace(signal, optional=True) for name, signal in config.mapped_signals(kind).items()}
+    signals = {}
+    for name, signal in config.mapped_signals(kind).items():
+        if column := join.column_of(signal.sources[kind], relative_name(file, config)):
+            signals[name] = replace(signal, sources={kind: column}, optional=True)
     if kind == "csv":  # Readers of messages skip missing sources themselves.
         from rovid.readers.csv_dialect import read_layout
 
-        present = read_layout(file, ()).written_names
+        present = read_layout(file, ()).sources
         signals = {name: signal for name, signal in signals.items() if signal.sources[kind] in present}
     return replace(config, signals=signals, time=time, commands=(), measured_signal="")
 

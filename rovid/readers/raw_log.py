@@ -62,6 +62,7 @@ class LogContents:
     time_unit: str = "auto"  #: Unit of the clock; "auto": by its name or size.
     unit_reason: str = ""  #: Reason of a guessed unit.
     sources: tuple[str, ...]  #: All other sources.
+    orientations: tuple[str, ...] = ()  #: Those of orientations, of which an angle is computed.
     unreadable: tuple[str, ...] = ()  #: Contents that cannot be read, each with the reason.
     parameters: Mapping[str, float] = field(default_factory=dict)  #: Parameters of the autopilot that wrote the log.
 

@@ -8,12 +8,13 @@ from pathlib import Path
 
 from rovid.core.errors import ConfigError, LogError, RovidError
 from rovid.core.input_files import list_files
-from rovid.readers import READERS, find_logs, read_trials
+from rovid.readers import find_logs, read_trials
 from rovid.readers.formats import trial_files
 from rovid.store.study import config_files
 from rovid.trial.axis import Axis
 from rovid.trial.config import FILE_NAME, Config, find_config, load_config
 from rovid.trial.config_fingerprint import ConfigFingerprint
+from rovid.trial.log_files import is_log
 from rovid.trial.trial import Remark, Trial
 
 # Size in bytes and modification time in ns. Stamps are only compared for equality: another machine may write the files.
@@ -120,11 +121,6 @@ def files_with(path: Path, config: Config, present: Collection[Path]) -> list[Pa
     else:
         others = trial_files(path, config)
     return [path, *(file for file in others if file != path)]
-
-
-def is_log(path: Path) -> bool:
-    """Whether the suffix is that of a log."""
-    return path.suffix.lower() in READERS
 
 
 def files_of(logs: Iterable[WatchedLog]) -> frozenset[Path]:

@@ -5,11 +5,12 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from pathlib import PurePath
+from itertools import combinations
+from pathlib import Path, PurePath
 
 # Suffix -> format. The format is the key of its sources in rovid.toml and names its reader: "bag" is `bag_reader`.
 FORMATS: Mapping[str, str] = {
-    ".csv": "csv",
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".lvm"), "csv"),
     ".mcap": "mcap",
     ".parquet": "parquet",
     ".bag": "bag",
@@ -22,13 +23,51 @@ FORMATS: Mapping[str, str] = {
     ".ndjson": "jsonl",
     ".mat": "mat",
 }
+# Suffixes of tables and of other files too, and the number of rows of numbers that show a table.
+_PERHAPS, _TABLE_ROWS, _HEAD = {".txt", ".dat"}, 10, 1 << 16
+_NUMBER = re.compile(r"[+-]?[\d.,:+-]*\d[\d.,:eE+-]*")
 KINDS = tuple(dict.fromkeys(FORMATS.values()))
+# Between the part of a file and a column of it.
+QUALIFIER = ":"
 _TOKEN = re.compile(r"[^\W\d_]+|\d+")  # letters, or one number
 
 
 def _tokens(name: str) -> list[str]:
     """Lower-case tokens of a path without its suffix."""
-    return [token.lower() for token in _TOKEN.findall(str(PurePath(name).with_suffix("")))]
+    return _words(str(PurePath(name).with_suffix("")))
+
+
+def _words(part: str) -> list[str]:
+    """Lower-case tokens of a part."""
+    return [token.lower() for token in _TOKEN.findall(part)]
+
+
+def _without(tokens: list[str], part: str) -> list[str]:
+    """``tokens`` without the words of ``part`` in succession."""
+    words, left, at = _words(part), [], 0
+    while words and at < len(tokens):
+        if tokens[at : at + len(words)] == words:
+            at += len(words)
+        else:
+            left.append(tokens[at])
+            at += 1
+    return left if words else tokens
+
+
+def is_log(path: Path) -> bool:
+    """Whether a file is a log by its suffix; a text or data file only if it begins with a table of numbers."""
+    suffix = path.suffix.lower()
+    if suffix not in _PERHAPS:
+        return suffix in FORMATS
+    try:
+        with path.open("rb") as file:
+            lines = file.read(_HEAD).decode("latin-1").splitlines()
+    except OSError:
+        return False
+    rows = [re.split(r"[,;\t ]+", line.strip()) for line in lines]
+    return (
+        sum(len(row) > 1 and 2 * sum(map(bool, map(_NUMBER.fullmatch, row))) > len(row) for row in rows) >= _TABLE_ROWS
+    )
 
 
 def is_called(name: str, pattern: str) -> bool:
@@ -40,8 +79,8 @@ def is_called(name: str, pattern: str) -> bool:
 class Join:
     """The [join] table: which files form one trial, and how their clocks are corrected."""
 
-    #: Words that distinguish the files of one trial, as "ins" and "thr" in run1_ins.csv and run1_thr.csv, or in
-    #: run1/ins.csv and run1/thr.csv. The file of the first part names the trial.
+    #: Words that distinguish the files of one trial, as "ins" and "thr" in run1_ins.csv and run1_thr.csv, or "odom" and
+    #: "left_thrust" in run1/odom.csv and run1/left_thrust.csv. The file of the first part names the trial.
     parts: tuple[str, ...]
     #: ``offset``, ``drift``: part, file name or pattern -> seconds added to that clock; and ppm added from the
     #: beginning of the file on.
@@ -72,14 +111,24 @@ class Join:
         return next(own, values.get(self.part(name), 0.0))
 
     def part(self, name: str) -> str:
-        """Part of the file ``name``; empty where the name holds none."""
+        """Part of the file ``name``, that of most words; empty where the name holds none."""
         tokens = _tokens(name)
-        return next((part for part in self.parts if part.lower() in tokens), "")
+        held = (part for part in self.parts if _without(tokens, part) != tokens)
+        return max(held, key=lambda part: len(_words(part)), default="")
 
     def trial_key(self, name: str) -> str:
         """Tokens that all files of one trial have in common."""
-        part = self.part(name).lower()
-        return "/".join(token for token in _tokens(name) if token != part)
+        return "/".join(_without(_tokens(name), self.part(name)))
+
+    def column_of(self, source: str, name: str) -> str:
+        """Column of the file ``name`` that ``source`` refers to; empty if it names the part of another file.
+
+        The column of one part may be written as "part:column", where several parts have columns of the same name.
+        """
+        part, colon, column = source.partition(QUALIFIER)
+        if not colon or part not in self.parts:
+            return source
+        return column if part == self.part(name) else ""
 
     def files_of_trial(self, name: str, others: Iterable[str]) -> list[str]:
         """Names among ``others`` of the files of the same trial as ``name``, in the order of the parts."""
@@ -87,13 +136,24 @@ class Join:
         return sorted(same, key=lambda other: self.parts.index(self.part(other)))
 
 
-def guess_parts(names: Sequence[str]) -> tuple[str, ...]:
-    """Words that seem to distinguish the files of one trial: names that differ in one word; empty if there are none."""
-    groups: dict[tuple[int, tuple[str, ...]], set[str]] = {}
+def guess_parts(names: Sequence[str], most: int = 1) -> list[tuple[str, ...]]:
+    """Sets of words that may distinguish the files of one trial, the most likely first.
+
+    Names differ in one word, or in up to ``most`` words in succession, as files of one topic each do.
+    """
+    groups: dict[tuple[tuple[str, ...], tuple[str, ...]], set[str]] = {}
     for tokens in map(_tokens, names):
-        for at, token in enumerate(tokens):
-            if not token.isdigit():
-                groups.setdefault((at, (*tokens[:at], "", *tokens[at + 1 :])), set()).add(token)
+        for at, end in combinations(range(len(tokens) + 1), 2):
+            if end - at <= most and not "".join(tokens[at:end]).isdigit():
+                groups.setdefault((tuple(tokens[:at]), tuple(tokens[end:])), set()).add("_".join(tokens[at:end]))
     counts = Counter(frozenset(found) for found in groups.values() if len(found) > 1)
-    best = max(counts, key=lambda parts: (counts[parts] * len(parts), len(parts)), default=frozenset())
-    return tuple(sorted(best))
+
+    def rank(parts: frozenset[str]) -> tuple[int, ...]:
+        files = counts[parts] * len(parts)
+        if most == 1:
+            return files, len(parts)
+        # Many words may hold the name of the trial too. Words with a number at an end do so.
+        worded = all((one[0] + one[-1]).isalpha() for one in parts)
+        return files, worded, counts[parts], -sum(map(len, parts))
+
+    return [tuple(sorted(parts)) for parts in sorted(counts, key=rank, reverse=True)]

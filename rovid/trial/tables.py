@@ -13,7 +13,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, LogError, suggestion
 from rovid.core.input_files import LARGEST, list_files, require_exists, require_regular
-from rovid.trial.log_files import FORMATS
+from rovid.trial.log_files import is_log
 from rovid.trial.vehicle import ThrustCurve
 
 # Smallest resolution of a column, as a share of its largest number; digits beyond were printed, not read.
@@ -160,8 +160,7 @@ def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
         require_exists(path, LogError)
     contents = {path: list_files(path, lambda _: None).files for path in paths}
     for file in (file for files in contents.values() for file in files):
-        suffix = file.suffix.lower()
-        if suffix in FORMATS and not (suffix == ".csv" and _is_known_table(file)):
+        if is_log(file) and not (file.suffix.lower() == ".csv" and _is_known_table(file)):
             return None
     for path, files in contents.items():
         for file in files:

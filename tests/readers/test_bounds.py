@@ -208,7 +208,8 @@ WHOLE: dict[str, Callable[[bytes], set[int]]] = {
 
 
 def test_every_format_is_cut() -> None:
-    assert {suffix.lower() for suffix in SUFFIXES} == set(READERS)
+    tables = {suffix for suffix, form in READERS.items() if form.kind == "csv"}
+    assert {suffix.lower() for suffix in SUFFIXES} == set(READERS) - tables | {".csv"}
 
 
 def cut(suffix: str, folder: Path, lengths: range) -> None:
