@@ -17,6 +17,7 @@ from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, re
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, thruster_outputs, vehicle_type
+from rovid.readers.campaign import nothing_to_read
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import FILE_NAME
 from rovid.trial.cutting import Exclusion
@@ -261,7 +262,7 @@ def _map_formats(read: LogsRead, options: SurveyOptions, profile: VehiclePreset 
     if not every and read.problems:
         raise DataError(read.problems[0], where="")
     if not every:
-        raise DataError("holds no logs.", where=read.folder)
+        raise nothing_to_read([read.folder])
     chosen = {kind: mapping for kind, mapping in every.items() if not mapping.missing}
     if not chosen and not options.axis.self_righting:
         chosen = {kind: mapping for kind, mapping in every.items() if len(mapping.missing) == 1}

@@ -21,7 +21,7 @@ from rovid.trial.axis import Axis
 from rovid.trial.config import Config, find_config, load_config
 from rovid.trial.cutting import split
 from rovid.trial.fault import Fault
-from rovid.trial.log_files import FORMATS, QUALIFIER, is_log
+from rovid.trial.log_files import FORMATS, QUALIFIER, is_log, other_suffixes
 from rovid.trial.tables import CURVE_COLUMNS, PULL_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS, has_time
 from rovid.trial.trial import Campaign, Remark, Trial
 
@@ -218,8 +218,7 @@ def _unmatched_exclusions(logs: Sequence[_File], config: Config) -> Iterator[Rem
 def _no_logs(paths: Sequence[Path], files: Sequence[_File]) -> LogError:
     where = ", ".join(map(str, paths))
     if not files:
-        text = f"holds no logs: no {', '.join(READERS)} file."
-        return LogError(text, where=where or "logs", mend="Give the folder that holds the logs.")
+        return nothing_to_read(paths)
     names = [one.name for one in files]
     if len(names) > _MAX_NAMES_IN_MESSAGE:
         names[_MAX_NAMES_IN_MESSAGE:] = ["…"]
@@ -232,6 +231,15 @@ def _no_logs(paths: Sequence[Path], files: Sequence[_File]) -> LogError:
         f"none has the mapped time and heading columns{unmapped}."
     )
     return LogError(text, where=where, mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.")
+
+
+def nothing_to_read(paths: Sequence[Path]) -> LogError:
+    """Error for ``paths`` without a file that rovid reads, with the suffixes of the files that are there."""
+    found = other_suffixes(file for path in paths for file in list_files(path, lambda _: None).files)
+    text, mend = f"holds no logs: no {', '.join(READERS)} file.", "Give the folder that holds the logs."
+    if found:
+        text, mend = f"{text} It holds {found}.", f"{mend} Export logs of another format as CSV."
+    return LogError(text, where=", ".join(map(str, paths)) or "logs", mend=mend)
 
 
 # Bytes; larger logs are not prefetched.

@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 
 # Suffix -> format. The format is the key of its sources in rovid.toml and names its reader: "bag" is `bag_reader`.
 FORMATS: Mapping[str, str] = {
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".lvm"), "csv"),
+    ".csv": "csv",
     ".mcap": "mcap",
     ".parquet": "parquet",
     ".bag": "bag",
@@ -22,9 +22,12 @@ FORMATS: Mapping[str, str] = {
     ".jsonl": "jsonl",
     ".ndjson": "jsonl",
     ".mat": "mat",
+    **dict.fromkeys((".tsv", ".txt", ".dat", ".lvm"), "csv"),
 }
 # Suffixes of tables and of other files too, and the number of rows of numbers that show a table.
 _PERHAPS, _TABLE_ROWS, _HEAD = {".txt", ".dat"}, 10, 1 << 16
+# Number of suffixes in a message.
+_MAX_SUFFIXES = 3
 _NUMBER = re.compile(r"[+-]?[\d.,:+-]*\d[\d.,:eE+-]*")
 KINDS = tuple(dict.fromkeys(FORMATS.values()))
 # Between the part of a file and a column of it.
@@ -68,6 +71,12 @@ def is_log(path: Path) -> bool:
     return (
         sum(len(row) > 1 and 2 * sum(map(bool, map(_NUMBER.fullmatch, row))) > len(row) for row in rows) >= _TABLE_ROWS
     )
+
+
+def other_suffixes(files: Iterable[Path]) -> str:
+    """The most frequent suffixes of files that are no logs, with their numbers, as "6 .alog, 1 .xlsx"; may be empty."""
+    counts = Counter(file.suffix.lower() for file in files if file.suffix and not is_log(file))
+    return ", ".join(f"{count} {suffix}" for suffix, count in counts.most_common(_MAX_SUFFIXES))
 
 
 def is_called(name: str, pattern: str) -> bool:
