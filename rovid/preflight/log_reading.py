@@ -33,6 +33,8 @@ from rovid.trial.vehicle import Vehicle
 Log = Mapping[str, RawColumn]
 # Maximum number of logs of each format that are read; decision: the logs of one campaign are alike.
 _MAX_LOGS = 12
+# The name of a clock that counts seconds.
+_SECONDS = re.compile(r"(?i)(?:^|[^a-z])(?:s|secs?|seconds?|sekunden)\W*$")
 # Units of time in s, other than s.
 _FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Maximum number of lines about unreadable parts of one log.
@@ -155,11 +157,17 @@ def _unnamed_curve(path: Path) -> tuple[str, ...]:
     return names if is_curve else ()
 
 
+def _interval(columns: Mapping[str, RawColumn]) -> float:
+    """Median interval in s of the fastest of ``columns``."""
+    intervals = [float(np.median(np.diff(column.time))) for column in columns.values() if len(column.time) > 1]
+    return min(intervals, default=0.0)
+
+
 def read_columns(path: Path, time_unit: str = "auto") -> tuple[LogContents, dict[str, RawColumn], list[str]]:
     """Contents of a log, all of its columns by source, and texts on its unreadable parts.
 
-    If the readings are too far apart by ``time_unit`` auto, the contents name the unit in which they come at 2 to
-    200 Hz.
+    If the readings are too far apart by ``time_unit`` auto, and the clock names no unit, the contents name the unit in
+    which they come at 2 to 200 Hz.
 
     Raises RovidError if the log cannot be read, or holds no numbers.
     """
@@ -198,15 +206,15 @@ def read_columns(path: Path, time_unit: str = "auto") -> tuple[LogContents, dict
                 values=values[known],
                 radians=channel.radians,
             )
-    intervals = [float(np.median(np.diff(column.time))) for column in columns.values() if len(column.time) > 1]
-    interval, fitting = min(intervals, default=0.0), ("auto", 1.0)
-    if contents.clock and time_unit == "auto" and interval > MAX_INTERVAL:
-        fitting = next((one for one in _FINER.items() if 5e-3 <= interval * one[1] <= 0.5), fitting)
     contents = replace(contents, time_unit=time_unit)
-    if (unit := fitting[0]) != "auto":
-        text = f"readings are {interval:.4g} apart, {interval * fitting[1]:.4g} s in {unit}; please check"
-        contents = replace(contents, time_unit=unit, unit_reason=f"unit guessed: {text}")
-        columns = {name: replace(column, time=fitting[1] * column.time) for name, column in columns.items()}
+    if contents.clock and time_unit == "auto" and raw.epoch is None and not _SECONDS.search(contents.clock):
+        interval = _interval(columns)
+        units = [unit for unit, size in _FINER.items() if interval > MAX_INTERVAL and 5e-3 <= interval * size <= 0.5]
+        again = read_columns(path, units[0]) if units else (contents, columns, [])
+        # A time in words has a unit of its own, and does not change.
+        if _interval(again[1]) < MAX_INTERVAL < interval:
+            text = f"readings are {interval:.4g} apart, {_interval(again[1]):.4g} s in {units[0]}; please check"
+            return replace(again[0], unit_reason=f"unit guessed: {text}"), again[1], again[2]
     skipped = [remark.text for remark in raw.remarks if remark.kind == "skipped"]
     texts = list(dict.fromkeys((*contents.unreadable, *skipped)))
     more = len(texts) - _MAX_PROBLEMS

@@ -273,6 +273,11 @@ def test_sixty_columns_fit_a_phone_and_are_drawn_when_visible(browser: Browser, 
         page.locator(".chart").last.scroll_into_view_if_needed()
         page.locator(".chart").last.locator("canvas").wait_for()
         assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+        # The arms are on the screen without scrolling sideways.
+        show_step(page, "thrusters")
+        arm = page.locator("#t-arm-fore").bounding_box()
+        assert arm is not None
+        assert arm["x"] + arm["width"] < 390
 
 
 class _Evil(http.server.BaseHTTPRequestHandler):

@@ -173,6 +173,20 @@ def test_the_unit_of_a_clock_is_guessed_if_seconds_are_impossible(ticks: float, 
     assert config.time.unit == unit
     [trial] = read_campaign([tmp_path], config).trials
     assert trial.duration == pytest.approx(TIME[-1], rel=1e-6)
-    # Where several units are possible, there is no guess.
+    # Where the name or the text of the time tells the unit, or several units are possible, there is no guess.
+    minutes = pd.date_range("2026-01-07", periods=len(TIME), freq="min")
+    slow = np.arange(len(TIME)) * 60
+    for name, column in (
+        ("time_s", slow),
+        ("t [s]", slow),
+        ("time", slow + 1_700_000_000),
+        ("stamp", minutes.strftime("%Y-%m-%dT%H:%M:%S")),
+        ("time", minutes.strftime("%H:%M:%S")),
+    ):
+        frame.drop(columns="tick").assign(**{name: column}).to_csv(tmp_path / "log.csv", index=False)
+        assert survey([tmp_path]).time_unit == "auto", name
+    units = frame.assign(tick=slow).astype(str).to_csv(index=False).split("\n", 1)
+    (tmp_path / "log.csv").write_text(f"{units[0]}\ns,deg,V\n{units[1]}")
+    assert survey([tmp_path]).time_unit == "auto"
     frame.assign(tick=np.arange(len(TIME)) * 3000).to_csv(tmp_path / "log.csv", index=False)
     assert survey([tmp_path]).time_unit == "auto"

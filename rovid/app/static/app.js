@@ -414,7 +414,7 @@ function thrusterRow(name) {
     return input;
   };
   field("name", `Name of ${name}`, element("th", "", row, { scope: "row" })).value = name;
-  for (const [what, words] of Object.entries(FIELDS)) field(what, `${name}: ${words}`, element("td", "", row)).inputMode = "decimal";
+  for (const [what, words] of Object.entries(FIELDS)) field(what, `${name}: ${words}`, element("td", "", row, { "data-label": words })).inputMode = "decimal";
   element("button", "Reverse", element("td", "", row), { type: "button", disabled: Boolean(theirs()), "aria-label": `Reverse ${name}` }).addEventListener("click", () => {
     const one = thrusters.get(name);
     moveThruster(name, { ...one, angle: one.angle > 0 ? one.angle - 180 : one.angle + 180 });
