@@ -174,7 +174,10 @@ class ResultTable:
         """The columns with their cells, aligned where they are numbers."""
         columns = []
         for place, heading in enumerate(self._headings):
-            cells = [self._cell(row, place) for row in self._rows]
+            cells = []
+            for row in self._rows:
+                cell = row.cells[place] if place < len(row.cells) else ""
+                cells.append(cell.plain if isinstance(cell, Text) else cell)
             if heading.aligned:
                 cells = align_decimal_points(cells)
             columns.append(replace(heading, cells=tuple(cells)))
@@ -186,13 +189,6 @@ class ResultTable:
         columns = self.columns
         cells = zip(*(column.cells for column in columns), strict=True)
         return [tuple(zip(columns, row, strict=True)) for row in cells]
-
-    @staticmethod
-    def _cell(row: _Row, place: int) -> str:
-        if place >= len(row.cells):
-            return ""
-        cell = row.cells[place]
-        return cell.plain if isinstance(cell, Text) else cell
 
     def is_placeholder(self, guess: Assumptions) -> bool:
         """Whether a number in the table depends on an assumption, by its unit or its word "guessed"."""

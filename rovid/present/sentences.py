@@ -246,10 +246,8 @@ def next_step(diagnosis: Conclusion, run: Mapping[str, Any], guess: Assumptions,
         reason = "guesses of rovid init decide the values, and an error of a guess may stand for a cause"
         return NextStep(run=f"measure {guess.listing}", reason=reason)
     if diagnosis.is_settled:
-        return NextStep(
-            run="nothing more to run for the causes",
-            reason=f"each is confirmed; `{plan}` designs a run for the least certain parameter",
-        )
+        text = f"each is confirmed; `{plan}` designs a run for the least certain parameter"
+        return NextStep(run="nothing more to run for the causes", reason=text)
     command = ""
     if "commands" in run:
         command = between_command(run, plan)
@@ -267,10 +265,8 @@ def cautions(diagnosis: Diagnosis, trials: Sequence[Trial], vehicle: Vehicle) ->
         closed = list(dict.fromkeys(one.name for one in detect_feedback(trials, vehicle) if one.seen_in != "reversals"))
         if closed:
             logs = closed[0] if len(closed) == 1 else f"{len(closed)} of {len(trials)} trials"
-            yield (
-                f"The commands follow the motion in {logs}, by an autopilot or a pilot. Drag from steady states and "
-                "inertia from sines are biased by this feedback."
-            )
+            text = f"The commands follow the motion in {logs}, by an autopilot or a pilot. Drag from steady states and "
+            yield f"{text}inertia from sines are biased by this feedback."
     if diagnosis.base is None or diagnosis.extended is None or not diagnosis.extended.model.effects:
         return
     one, other = diagnosis.base.held_out, diagnosis.extended.held_out
@@ -293,10 +289,8 @@ def fit_verdict(fit: LikelihoodFit) -> tuple[str, str]:
 def criterion_sentence(fit: LikelihoodFit | PlanarFit) -> str:
     """Criterion of the fit, its value, and whether the innovations are white."""
     white = "white" if fit.white else "not white"
-    return (
-        f"{fit.estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {fit.estimate.samples} readings; "
-        f"innovations {white}"
-    )
+    text = f"{fit.estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {fit.estimate.samples} readings; "
+    return f"{text}innovations {white}"
 
 
 def control_verdict(design: ControllerDesign) -> Iterator[tuple[str, str]]:

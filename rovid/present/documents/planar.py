@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from rovid.compare.comparison import PlanarChange, PlanarComparison
+from rovid.compare.comparison import PlanarComparison
 from rovid.diagnose.result import first_experiment
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import unit_of, without_form
@@ -266,12 +266,18 @@ def _known(values: dict[str, Any]) -> dict[str, Any]:
 def planar_comparison_document(comparison: PlanarComparison, warnings: Sequence[str]) -> Document:
     """The document of `rovid compare --axes planar --json`."""
     guess = comparison.assumptions
+    parameters = {}
+    for change in comparison.changes:
+        entries = {"a": change.a, "b": change.b}
+        sides = {side: value_document(one.value, one.unit, one.standard_error) for side, one in entries.items()}
+        document = {**sides, "ratio": change.ratio, "standard_error": change.standard_error}
+        parameters[change.name] = document | {"confidence": change.confidence} | sname_document(change.name)
     return {
         "schema": "rovid-comparison/1",
         **AXES_DOCUMENT,
         "verdict": comparison.verdict,
         "campaigns": {"a": comparison.a.name, "b": comparison.b.name},
-        "parameters": {change.name: _change_document(change) for change in comparison.changes},
+        "parameters": parameters,
         "changed": comparison.changed,
         "causes": {"a": comparison.a.parameters.effects, "b": comparison.b.parameters.effects},
         "prediction": {
@@ -285,10 +291,3 @@ def planar_comparison_document(comparison: PlanarComparison, warnings: Sequence[
         **guess_document(guess),
         "warnings": all_warnings(guess, warnings),
     }
-
-
-def _change_document(change: PlanarChange) -> Document:
-    entries = {"a": change.a, "b": change.b}
-    sides = {side: value_document(one.value, one.unit, one.standard_error) for side, one in entries.items()}
-    document = {**sides, "ratio": change.ratio, "standard_error": change.standard_error}
-    return document | {"confidence": change.confidence} | sname_document(change.name)

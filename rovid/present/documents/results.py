@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rovid.control.actuators import AutopilotLaw
 from rovid.control.design import ControllerDesign
-from rovid.diagnose.effect_trial import EffectGain, EffectTrial
-from rovid.diagnose.formulas.discovery import Discovery, Formula, units_of
+from rovid.diagnose.effect_trial import EffectTrial
+from rovid.diagnose.formulas.discovery import Discovery, units_of
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.estimate.isolability import IsolabilityMatrix
 from rovid.export.verification import Mismatch, VerifiedExport
@@ -275,38 +275,37 @@ def _clock_document(clock: ClockOffset) -> fits.Document:
 def effect_trial_document(found: EffectTrial, warnings: list[str]) -> fits.Document:
     """Gains of the tried effect and of the catalogue's."""
     others = [{"effect": name, "log_likelihood_gain": gain} for name, gain in found.others.items()]
-    tried = list(map(_gain, found.tried))
+    tried = []
+    for one in found.tried:
+        key, parameters = one.effect.key, {}
+        for parameter in one.effect.parameters:
+            name = f"{key}.{parameter.name}"
+            parameters[parameter.name] = fits.estimate_document(one.estimate, name, parameter.unit)
+        gains = fits.fields(one, log_likelihood_gain="gain", held_out_gain="held_out_gain")
+        tried.append({"effect": key, "beside": list(one.beside), **gains, "parameters": parameters})
     return {"schema": "rovid-effect/1", "tried": tried, "catalogue": others, "warnings": warnings}
-
-
-def _gain(one: EffectGain) -> fits.Document:
-    key, parameters = one.effect.key, {}
-    for parameter in one.effect.parameters:
-        name = f"{key}.{parameter.name}"
-        parameters[parameter.name] = fits.estimate_document(one.estimate, name, parameter.unit)
-    gains = fits.fields(one, log_likelihood_gain="gain", held_out_gain="held_out_gain")
-    return {"effect": key, "beside": list(one.beside), **gains, "parameters": parameters}
 
 
 def discovery_document(found: Discovery, warnings: list[str]) -> fits.Document:
     """Formulas, best first, and the causes of the catalogue next to which they predict."""
+    formulas = []
+    for formula in found.formulas:
+        estimate, units = formula.estimate, units_of(formula, found.grammar.units if found.grammar else {})
+        gains = {"log_likelihood_gain": "gain", "held_out_gain": "held_out_gain"}
+        gains |= {"held_out_log_likelihood_gain": "held_out_nats", "inclusion": "inclusion", "nearest": "nearest"}
+        formulas.append(
+            {
+                "formula": formula.text,
+                "signals": list(formula.signals),
+                "parameters": {name: fits.estimate_document(estimate, name, units[name]) for name in estimate.names},
+                **fits.fields(formula, **gains, code_length="price"),
+                "beside": list(formula.beside),
+            }
+        )
     return {
         "schema": "rovid-discovery/1",
-        "formulas": [_formula(found, formula) for formula in found.formulas],
+        "formulas": formulas,
         "causes": list(found.causes),
         "missing": found.missing or None,
         "warnings": warnings,
-    }
-
-
-def _formula(found: Discovery, formula: Formula) -> fits.Document:
-    estimate, units = formula.estimate, units_of(formula, found.grammar.units if found.grammar else {})
-    gains = {"log_likelihood_gain": "gain", "held_out_gain": "held_out_gain"}
-    gains |= {"held_out_log_likelihood_gain": "held_out_nats", "inclusion": "inclusion", "nearest": "nearest"}
-    return {
-        "formula": formula.text,
-        "signals": list(formula.signals),
-        "parameters": {name: fits.estimate_document(estimate, name, units[name]) for name in estimate.names},
-        **fits.fields(formula, **gains, code_length="price"),
-        "beside": list(formula.beside),
     }

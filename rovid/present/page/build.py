@@ -177,10 +177,7 @@ def _if_valid(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
 
 
 def _fitted_again(before: Parameters, study: Study) -> Estimate | None:
-    """A joint fit with the effects of ``before``; None where its parameters were not fitted jointly.
-
-    Raises ConfigError if an effect does not suit the vehicle any more.
-    """
+    """A joint fit with the effects of ``before``; None without one. Raises ConfigError if an effect does not suit."""
     if not any(entry.method in JOINT_METHODS for entry in before.entries.values()):
         return None
     gyro = any("--gyro" in entry.options for entry in before.entries.values())
@@ -211,10 +208,7 @@ def _is_complete(stored: Parameters) -> bool:
 
 
 def _model_of(study: Study, stored: Parameters) -> Model:
-    """The parameter file's model.
-
-    Raises DataError if the file has no complete model. Raises ConfigError if an effect does not suit the vehicle.
-    """
+    """The file's model. Raises DataError if it is incomplete, ConfigError if an effect does not suit the vehicle."""
     if not _is_complete(stored):
         raise DataError("inertia or drag is missing.")
     model = stored.model()

@@ -20,7 +20,6 @@ from rovid.present.residuals import missing_without, rms_sizes, unexplained_torq
 from rovid.present.sentences import effect_title
 from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN
 from rovid.present.tables.fits import method_title
-from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import PreparedRuns
 
 # Most large trial plots and plots of faults: a page with more opens slowly on a tablet. The page lists all of them.
@@ -48,40 +47,62 @@ class ReportFigures(defaultdict[str, Any]):
 def draw_figures(report: ReportData) -> ReportFigures:
     """Draw all plots that the data allow; on Linux several processes share the work."""
     with forked_workers():
-        return _draw(report)
-
-
-def _draw(report: ReportData) -> ReportFigures:
-    sections = {
-        "faults": list(_faults(report.faults)),
-        "thrust": list(_thrust(report)),
-        "steady": list(_steady(report)),
-        "inertia": list(_inertia(report)),
-        "sines": list(_sines(report)),
-        "overview": list(_overview(report)),
-        "large": list(_large(report.simulations_with)),
-        "residuals": list(_residuals(report)),
-        "compared": list(_compared(report)),
-        "left_over": list(_left_over(report)),
-        "closed_loop": list(_closed_loop(report)),
-    }
-    rivals, drivers = dict(_rivals(report)), dict(_drivers(report))
-    drafts = [*itertools.chain(*sections.values()), *rivals.values(), *drivers.values()]
-    # Matplotlib's style belongs to the process: threads cannot draw.
-    figures = parallel_map(lambda draft: render_draft(draft, report.vehicle.assumptions), drafts, use_threads=False)
-    rendered = dict(zip(drafts, figures, strict=True))
-    return ReportFigures(
-        worst=_worst(report),
-        rivals={key: rendered[draft] for key, draft in rivals.items()},
-        drivers={key: rendered[draft] for key, draft in drivers.items()},
-        **{name: [rendered[draft] for draft in section] for name, section in sections.items()},
-    )
-
-
-def _faults(found: Sequence[Fault]) -> Iterator[FigureDraft]:
-    for number, fault in enumerate([fault for fault in found if fault.excerpt][:FAULT_PLOTS], 1):
-        plot = results.plot_fault(fault)
-        yield FigureDraft(f"fault_{number:02d}", plot, caption=f"{fault.title}.", alt="The signal at the fault.")
+        faults = []
+        for number, fault in enumerate([fault for fault in report.faults if fault.excerpt][:FAULT_PLOTS], 1):
+            plot = results.plot_fault(fault)
+            faults.append(
+                FigureDraft(f"fault_{number:02d}", plot, caption=f"{fault.title}.", alt="The signal at the fault.")
+            )
+        large = []
+        for place in sorted(worst_first(report.simulations_with)[:LARGE_PLOTS]):
+            item = report.simulations_with[place]
+            name, axis = item.run.trial.name, item.run.trial.axis
+            large.append(
+                FigureDraft(
+                    f"trial_{place + 1:02d}_{_file_name(name)}",
+                    trials.plot_trial(item),
+                    caption=f"{name}: {axis.force_name}, {axis.rate_words} and the simulation's errors.",
+                    alt=_error_words(item, item),
+                )
+            )
+        overview = []
+        pairs = list(zip(report.simulations_without, report.simulations_with, strict=True))
+        models = " by the plain and the extended model" if report.extended else ""
+        rate = report.axis.rate_words
+        for sheet, suffix in paginate(pairs, trials.PER_SHEET):
+            fits = "; ".join(f"{item.run.trial.name} R² {format_number(item.fit.r2, '.4f')}" for _, item in sheet)
+            overview.append(
+                FigureDraft(
+                    f"overview{suffix}",
+                    trials.plot_overview(sheet),
+                    caption=f"Measured {rate} of every trial, simulated freely{models}.",
+                    alt=f"Measured and simulated {rate} over time: {fits}.",
+                )
+            )
+        sections = {
+            "faults": faults,
+            "thrust": list(_thrust(report)),
+            "steady": list(_steady(report)),
+            "inertia": list(_inertia(report)),
+            "sines": list(_sines(report)),
+            "overview": overview,
+            "large": large,
+            "residuals": list(_residuals(report)),
+            "compared": list(_compared(report)),
+            "left_over": list(_left_over(report)),
+            "closed_loop": list(_closed_loop(report)),
+        }
+        rivals, drivers = dict(_rivals(report)), dict(_drivers(report))
+        drafts = [*itertools.chain(*sections.values()), *rivals.values(), *drivers.values()]
+        # Matplotlib's style belongs to the process: threads cannot draw.
+        figures = parallel_map(lambda draft: render_draft(draft, report.vehicle.assumptions), drafts, use_threads=False)
+        rendered = dict(zip(drafts, figures, strict=True))
+        return ReportFigures(
+            worst=_worst(report),
+            rivals={key: rendered[draft] for key, draft in rivals.items()},
+            drivers={key: rendered[draft] for key, draft in drivers.items()},
+            **{name: [rendered[draft] for draft in section] for name, section in sections.items()},
+        )
 
 
 def _worst(report: ReportData) -> dict[str, str]:
@@ -169,13 +190,9 @@ def _sines(report: ReportData) -> Iterator[FigureDraft]:
                 f"Mean period of each sine run; right, {force} over rate. The marks are the three moments of a peak."
             )
         periods = ", ".join(f"{trial.period:.3g}" for trial in runs)
-        yield FigureDraft(
-            f"sine_runs{suffix}",
-            models.plot_sine_runs(runs, drag, axis),
-            caption=caption,
-            alt=f"{force.capitalize()}, {axis.rate_words} and acceleration over one period of {periods} s: the "
-            f"acceleration peaks about when the {force} does, the rate later.",
-        )
+        text = f"{force.capitalize()}, {axis.rate_words} and acceleration over one period of {periods} s: the "
+        text += f"acceleration peaks about when the {force} does, the rate later."
+        yield FigureDraft(f"sine_runs{suffix}", models.plot_sine_runs(runs, drag, axis), caption=caption, alt=text)
 
 
 def paginate(items: Sequence[_T], size: int) -> Iterator[tuple[Sequence[_T], str]]:
@@ -185,34 +202,6 @@ def paginate(items: Sequence[_T], size: int) -> Iterator[tuple[Sequence[_T], str
         return
     for number, first in enumerate(range(0, len(items), size), start=1):
         yield items[first : first + size], f"_{number:02d}"
-
-
-def _overview(report: ReportData) -> Iterator[FigureDraft]:
-    """All trials in small panels."""
-    pairs = list(zip(report.simulations_without, report.simulations_with, strict=True))
-    models = " by the plain and the extended model" if report.extended else ""
-    rate = report.axis.rate_words
-    for sheet, suffix in paginate(pairs, trials.PER_SHEET):
-        fits = "; ".join(f"{item.run.trial.name} R² {format_number(item.fit.r2, '.4f')}" for _, item in sheet)
-        yield FigureDraft(
-            f"overview{suffix}",
-            trials.plot_overview(sheet),
-            caption=f"Measured {rate} of every trial, simulated freely{models}.",
-            alt=f"Measured and simulated {rate} over time: {fits}.",
-        )
-
-
-def _large(items: Sequence[TrialSimulation]) -> Iterator[FigureDraft]:
-    """Each trial, or those with the largest errors where there are too many."""
-    for place in sorted(worst_first(items)[:LARGE_PLOTS]):
-        item = items[place]
-        name, axis = item.run.trial.name, item.run.trial.axis
-        yield FigureDraft(
-            f"trial_{place + 1:02d}_{_file_name(name)}",
-            trials.plot_trial(item),
-            caption=f"{name}: {axis.force_name}, {axis.rate_words} and the simulation's errors.",
-            alt=_error_words(item, item),
-        )
 
 
 def _residuals(report: ReportData) -> Iterator[FigureDraft]:

@@ -129,10 +129,7 @@ def require_browser() -> str:
 
 
 def print_pdf(page: Path, browser: str) -> bytes:
-    """``page`` as PDF, with the mark by which rovid recognises its own files.
-
-    Raises OutputError if the browser made no PDF.
-    """
+    """``page`` as PDF with rovid's mark. Raises OutputError if the browser made no PDF."""
     with tempfile.TemporaryDirectory(prefix="rovid", ignore_cleanup_errors=True) as name:
         made, profile = Path(name) / "page.pdf", Path(name) / "profile"
         command = [browser, "--headless=new", "--disable-gpu", "--no-pdf-header-footer", f"--user-data-dir={profile}"]
@@ -147,21 +144,18 @@ def print_pdf(page: Path, browser: str) -> bytes:
         if not made.is_file():
             *_, last_line = ["no message", *done.stderr.decode(errors="replace").split("\n")]
             raise _no_pdf(page, browser, last_line)
-        return _marked(made.read_bytes())
+        document = made.read_bytes()
+        # Rovid's mark takes the place of the program's name, at the same length: a PDF has byte offsets.
+        mark = plot_mark("report").encode()
+        for found in _MADE_BY.finditer(document):
+            if len(found[2]) >= len(mark):
+                start, stop = found.span(2)
+                return document[:start] + mark.ljust(stop - start) + document[stop:]
+        return document
 
 
 def _no_pdf(page: Path, browser: str, why: str) -> OutputError:
     return OutputError(f"{browser} printed no PDF of {page}: {why}. The page was written: print it from a browser.")
-
-
-def _marked(document: bytes) -> bytes:
-    """The document with rovid's mark in place of the program's name, at the same length: a PDF has byte offsets."""
-    mark = plot_mark("report").encode()
-    for found in _MADE_BY.finditer(document):
-        if len(found[2]) >= len(mark):
-            start, stop = found.span(2)
-            return document[:start] + mark.ljust(stop - start) + document[stop:]
-    return document
 
 
 # File names of the plots of any report.
@@ -243,11 +237,7 @@ def require_same_vehicle(folder: Path, name: str) -> None:
 
 
 def claim_page(folder: Path, plot: str, *, force: bool, protected: Iterable[Path]) -> OutputSet:
-    """Permission to write a page and its plots into ``folder``.
-
-    Raises OutputError if a file of another program has the name of one of the report's, or the folder cannot be
-    written.
-    """
+    """Permission to write a page into ``folder``. Raises OutputError if it cannot be written, or has another's file."""
     # The plots are not known yet; one stands for those that do not exist.
     first = OutputFile(folder / "plots" / f"{plot}.png", png_signature("report"))
     outputs = dict.fromkeys((OutputFile(folder / "index.html", PAGE), *existing_plots(folder / "plots"), first))

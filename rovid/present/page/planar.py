@@ -13,7 +13,7 @@ from rovid import __version__
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.output_files import OutputSet
-from rovid.diagnose.result import UNIDENTIFIABLE, Finding
+from rovid.diagnose.result import UNIDENTIFIABLE
 from rovid.planar.dataset import PlanarRun, is_yaw_alone
 from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.fit import PlanarFit
@@ -189,12 +189,6 @@ def _drafts(report: PlanarReport) -> Iterator[page_files.FigureDraft]:
         )
 
 
-def _cause_words(finding: Finding) -> str:
-    """A cause with its parameters and its evidence."""
-    name = sentences.cause_name(finding)
-    return f"{name[:1].upper()}{name[1:]}: {size_words(finding)}. {sentences.evidence_words(finding).capitalize()}."
-
-
 def _manoeuvre_tables(report: PlanarReport) -> list[ResultTable]:
     """Manoeuvres in the runs, and standard manoeuvres of the model."""
     data, fit = report.study.data, report.full
@@ -216,6 +210,12 @@ def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]
     found = report.diagnosis
     warnings = fit.warnings if found is None or found.extended is None else found.warnings
     causes = () if found is None else found.causes
+    cause_words = []
+    for cause in causes:
+        name = sentences.cause_name(cause)
+        cause_words.append(
+            f"{name[:1].upper()}{name[1:]}: {size_words(cause)}. {sentences.evidence_words(cause).capitalize()}."
+        )
     context: dict[str, Any] = {
         "vehicle": study.vehicle,
         "minutes": sum(run.duration for run in study.data.runs) / 60.0,
@@ -224,7 +224,7 @@ def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]
         "fit_sentence": planar.fit_sentence(fit) if report.diagnosis else "",
         "simulation_sentence": planar.simulation_sentence(report.after),
         "criterion": sentences.criterion_sentence(fit),
-        "causes": list(map(_cause_words, causes)),
+        "causes": cause_words,
         "definitions": sentences.evidence_definitions(causes),
         "gain": found and planar.planar_held_out_table(found),
         "undetermined": planar.undetermined_sentences(fit),

@@ -72,10 +72,8 @@ def _pictures(comparison: Comparison) -> Iterator[tuple[Markup, str]]:
     changes, axis = comparison.changes, comparison.a.axis
     ratios = plot_ratios(changes, {name: parameter_title(document_key(name)) for name in changes.pair.names})
     if ratios is not None:
-        yield (
-            render_inline_svg(ratios, "ratios"),
-            "B over A of each parameter, by itself, with its 95 % interval; filled: the parameter changed.",
-        )
+        text = "B over A of each parameter, by itself, with its 95 % interval; filled: the parameter changed."
+        yield (render_inline_svg(ratios, "ratios"), text)
     rates = [run.rates.rate for campaign in (comparison.a, comparison.b) for run in campaign.runs]
     fastest = float(np.nanmax(np.abs(np.concatenate(rates)))) if rates else 1.0
     drag = plot_drag(changes, fastest, axis)
@@ -103,11 +101,7 @@ _SIDE_ALONG = {"roll": "long", "pitch": "wide", "yaw": "high"}
 
 
 def claim_report(folder: Path, *, force: bool = False, protected: Iterable[Path] = ()) -> OutputSet:
-    """Permission to write a report into ``folder``, which may contain other files with different names.
-
-    Raises OutputError if a file of another program has the name of one of the report's, or the folder cannot be
-    written.
-    """
+    """Permission to write a report into ``folder``; see `claim_page`."""
     return claim_page(folder, "inertia", force=force, protected=protected)
 
 

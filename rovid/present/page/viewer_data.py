@@ -164,15 +164,11 @@ def _panels(axis: Axis, guess: Assumptions) -> list[dict[str, Any]]:
     unit, _ = axis.display_unit
     rate, error = _FIRST_SIMULATION, _FIRST_SIMULATION + 1
     measured_rate, measured_position = _line("measured", _MEASURED), _line("measured", _POSITION)
+    text = f"{axis.position_words} from the start"
     panels = [
         (axis.rate_words, axis.rate_unit, 190, [measured_rate, *_simulated_lines(rate)]),
         (f"{axis.rate_words} error", axis.rate_unit, 90, _simulated_lines(rate, less=_MEASURED)),
-        (
-            f"{axis.position_words} from the start",
-            unit,
-            120,
-            [measured_position, *_simulated_lines(error, plus=_POSITION)],
-        ),
+        (text, unit, 120, [measured_position, *_simulated_lines(error, plus=_POSITION)]),
         (f"{axis.position_words} error", unit, 90, _simulated_lines(error)),
         (axis.force_name, axis.force_unit, 70, [_line("applied", _TORQUE)]),
     ]

@@ -165,9 +165,8 @@ def mark_guessed(figure: Figure, guess: Assumptions) -> Figure:
     units = [label.rpartition(",")[2].strip() for label in labels]
     if any(map(guess.is_placeholder, units)):
         # The right margin of every figure is narrow and empty.
-        figure.text(
-            0.999, 0.5, f"by guessed {guess.quantities}", color=RED, size=8, rotation=90, ha="right", va="center"
-        )
+        words = f"by guessed {guess.quantities}"
+        figure.text(0.999, 0.5, words, color=RED, size=8, rotation=90, ha="right", va="center")
     return figure
 
 

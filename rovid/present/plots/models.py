@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -135,17 +136,10 @@ def _plot_points(panel: Axes, fit: DragFit, values: FloatArray) -> None:
     axis, rate = fit.estimate.axis, np.array([point.rate for point in fit.points])
     for rows, filled, text in ((rate > 0, BLACK, "growing"), (rate < 0, "white", "falling")):
         if rows.any():
-            panel.errorbar(
-                rate[rows],
-                values[rows],
-                yerr=fit.torque_error[rows] if fit.torque_error_known else None,
-                fmt="o",
-                color=BLACK,
-                markerfacecolor=filled,
-                markersize=5,
-                elinewidth=1.2,
-                label=f"{steady_state_words(axis)}, {axis.position_words} {text}",
-            )
+            errors = fit.torque_error[rows] if fit.torque_error_known else None
+            label = f"{steady_state_words(axis)}, {axis.position_words} {text}"
+            look: dict[str, Any] = {"color": BLACK, "markerfacecolor": filled, "markersize": 5, "elinewidth": 1.2}
+            panel.errorbar(rate[rows], values[rows], yerr=errors, fmt="o", label=label, **look)
 
 
 @report_style
@@ -269,35 +263,31 @@ def plot_tracks(before: Sequence[PlanarTrialSimulation], after: Sequence[PlanarT
     margins = {"left": 0.75, "top": 0.6, "bottom": 0.55, "across": 0.6, "down": 0.55}
     figure, panels = panel_sheet(len(after), min(len(after), _COLUMNS), 2.6, **margins)
     for panel, base, full in zip(panels, before, after, strict=True):
-        _plot_track(panel, base, full)
+        run = full.run
+        if {"north", "east"} <= set(run.sensors):
+            north, east = run.readings("north"), run.readings("east")
+            across = np.interp(north.time, east.time, east.values)
+            panel.plot(across, north.values, color=PALE, linewidth=3.6, label="measured")
+        if base is not full:
+            panel.plot(base.motion.east, base.motion.north, "--", color=ORANGE, linewidth=1.1, label="plain model")
+        name = "simulated" if base is full else "extended model"
+        panel.plot(full.motion.east, full.motion.north, color=BLACK, linewidth=1.1, label=name)
+        panel.plot(full.motion.east[0], full.motion.north[0], "o", color=BLACK, markersize=4)
+        marks = np.linspace(0.0, full.motion.time[-1], _MARKS)[1:]
+        places = np.searchsorted(full.motion.time, marks).clip(max=len(full.motion.time) - 1)
+        panel.plot(full.motion.east[places], full.motion.north[places], ".", color=BLACK, markersize=4)
+        panel.set_aspect("equal", adjustable="datalim")
+        panel.set_title(shorten_name(run.name, 22), fontsize=9, pad=3)
+        if math.isfinite(full.track_rms):
+            panel.set_title(f"{full.track_rms:.2g} m RMS", fontsize=8, loc="right", pad=3)
+        panel.tick_params(labelsize=8)
+        panel.locator_params(nbins=5)
     figure.supxlabel("east, m", y=0.06 / figure.get_figheight(), fontsize=10, va="bottom")
     figure.supylabel("north, m", x=0.01, fontsize=10, ha="left")
     figure.legend(
         *panels[0].get_legend_handles_labels(), ncols=4, loc="upper left", bbox_to_anchor=(0.07, 1.0), borderaxespad=0.1
     )
     return figure
-
-
-def _plot_track(panel: Axes, base: PlanarTrialSimulation, full: PlanarTrialSimulation) -> None:
-    run = full.run
-    if {"north", "east"} <= set(run.sensors):
-        north, east = run.readings("north"), run.readings("east")
-        across = np.interp(north.time, east.time, east.values)
-        panel.plot(across, north.values, color=PALE, linewidth=3.6, label="measured")
-    if base is not full:
-        panel.plot(base.motion.east, base.motion.north, "--", color=ORANGE, linewidth=1.1, label="plain model")
-    name = "simulated" if base is full else "extended model"
-    panel.plot(full.motion.east, full.motion.north, color=BLACK, linewidth=1.1, label=name)
-    panel.plot(full.motion.east[0], full.motion.north[0], "o", color=BLACK, markersize=4)
-    marks = np.linspace(0.0, full.motion.time[-1], _MARKS)[1:]
-    places = np.searchsorted(full.motion.time, marks).clip(max=len(full.motion.time) - 1)
-    panel.plot(full.motion.east[places], full.motion.north[places], ".", color=BLACK, markersize=4)
-    panel.set_aspect("equal", adjustable="datalim")
-    panel.set_title(shorten_name(run.name, 22), fontsize=9, pad=3)
-    if math.isfinite(full.track_rms):
-        panel.set_title(f"{full.track_rms:.2g} m RMS", fontsize=8, loc="right", pad=3)
-    panel.tick_params(labelsize=8)
-    panel.locator_params(nbins=5)
 
 
 @report_style

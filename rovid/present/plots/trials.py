@@ -103,18 +103,8 @@ def _scatter(panel: Axes, driver: FloatArray, residual: FloatArray, independent:
     """A part of the points, and their means in bins."""
     known = np.flatnonzero(np.isfinite(driver) & np.isfinite(residual))
     rows = known[:: max(len(known) // _DOTS, 1)]
-    panel.plot(
-        driver[rows],
-        residual[rows],
-        linestyle="none",
-        marker=".",
-        markersize=2.6,
-        markeredgewidth=0.0,
-        color=BLUE,
-        alpha=0.55,
-        rasterized=True,
-        label="samples",
-    )
+    look: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 2.6, "markeredgewidth": 0.0}
+    panel.plot(driver[rows], residual[rows], color=BLUE, alpha=0.55, rasterized=True, label="samples", **look)
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
     means = residuals.bin_means(driver, residual, _MEANS, _FEWEST, independent)
     _plot_means(panel, means, color=ORANGE, marker="o", label="mean ± standard error")
@@ -174,9 +164,8 @@ def plot_missing_torque(item: residuals.MissingTorque, axis: Axis) -> Figure:
     known = np.isfinite(item.driver_values) & np.isfinite(item.measured) & np.isfinite(item.equation)
     x, y = item.driver_values[known], item.measured[known]
     every = max(len(x) // _CLOUD, 1)
-    panel.plot(
-        x[::every], y[::every], ".", color=PALE, markersize=2.5, alpha=0.6, label="readings", zorder=1, rasterized=True
-    )
+    look: dict[str, Any] = {"color": PALE, "markersize": 2.5, "alpha": 0.6, "zorder": 1, "rasterized": True}
+    panel.plot(x[::every], y[::every], ".", label="readings", **look)
     line, values = item.line
     over_time = item.driver.startswith("time in ") and line is item.driver_values
     if not over_time:
@@ -213,16 +202,8 @@ def plot_before_after(
 
     ``width`` of the figure and heights of the two ``rows`` are in inches; ``names`` are those of the models.
     """
-    figure, ((rate,), (position,)) = panel_grid(
-        [(height, 1) for height in rows],
-        left=0.55,
-        right=0.18,
-        top=0.5,
-        bottom=0.42,
-        down=0.34,
-        share_x=True,
-        width=width,
-    )
+    margins = {"left": 0.55, "right": 0.18, "top": 0.5, "bottom": 0.42, "down": 0.34, "width": width}
+    figure, ((rate,), (position,)) = panel_grid([(height, 1) for height in rows], share_x=True, **margins)
     trial, axis = before.run.trial, before.run.trial.axis
     unit, count = axis.display_unit[0], round(_POINTS_PER_INCH * width)
     measured = decimate_min_max(before.run.rates.time, before.measured, count)

@@ -52,13 +52,9 @@ def alternative_status(finding: Finding, alternative: Alternative | OtherCause) 
 
 def models_table(base: Estimate, extended: Estimate) -> ResultTable:
     """Parameters without and with the causes."""
-    table = ResultTable(
-        "Parameters ± standard error of the plain and of the extended model",
-        text_column("parameter"),
-        mixed_number_column("plain model"),
-        mixed_number_column("extended model"),
-        number_column("change", "%"),
-    )
+    columns = *map(mixed_number_column, ("plain model", "extended model")), number_column("change", "%")
+    title = "Parameters ± standard error of the plain and of the extended model"
+    table = ResultTable(title, text_column("parameter"), *columns)
     ratios: dict[str, list[str]] = {}
     for place, side in enumerate((base, extended)):
         for ratio in valid_ratios(side):
@@ -172,14 +168,8 @@ def detectable_table(diagnosis: Diagnosis, vehicle: Vehicle) -> ResultTable:
 
 def predictions_table(diagnosis: TableDiagnosis) -> ResultTable:
     """Peak yaw rates of tabulated sine trials, measured and simulated with the inertia of each method."""
-    table = ResultTable(
-        "Peak yaw rate of the sine trials",
-        text_column("trial"),
-        text_column("inertia by"),
-        number_column("measured", "rad/s"),
-        number_column("simulated", "rad/s"),
-        number_column("too high by", "%"),
-    )
+    columns = map(number_column, ("measured", "simulated", "too high by"), ("rad/s", "rad/s", "%"))
+    table = ResultTable("Peak yaw rate of the sine trials", *map(text_column, ("trial", "inertia by")), *columns)
     for row in diagnosis.predictions:
         excess = 100.0 * (row.predicted / row.measured - 1.0)
         rates = format_number(row.measured, ".3g"), format_number(row.predicted, ".3f")
@@ -189,13 +179,8 @@ def predictions_table(diagnosis: TableDiagnosis) -> ResultTable:
 
 def explanations_table(diagnosis: TableDiagnosis) -> ResultTable:
     """Single effects with which one model agrees with the tables, and the run that decides between them."""
-    table = ResultTable(
-        "Each of these, alone, would explain the tables",
-        text_column("effect"),
-        text_column("with"),
-        number_column("inertia then", "kg m²"),
-        text_column("run that decides"),
-    )
+    columns = *map(text_column, ("effect", "with")), number_column("inertia then", "kg m²")
+    table = ResultTable("Each of these, alone, would explain the tables", *columns, text_column("run that decides"))
     for cause in diagnosis.causes:
         sizes = []
         for name, (value, unit) in cause.sizes.items():
@@ -213,16 +198,11 @@ def ruled_out_names(diagnosis: TableDiagnosis) -> str:
 def changes_table(comparison: Comparison, guess: Assumptions) -> ResultTable:
     """Parameters of both campaigns, their ratios, and the probabilities of a change."""
     changes, pair = comparison.changes, comparison.changes.pair
-    table = ResultTable(
-        "Each campaign by itself ± standard error; together, and changed ratios: by both, sharing what did not change",
-        text_column("parameter"),
-        mixed_number_column("B over A"),
-        mixed_number_column("changed"),
-        mixed_number_column("A"),
-        mixed_number_column("B"),
-        text_column("unit"),
-        mixed_number_column("together"),
+    title = (
+        "Each campaign by itself ± standard error; together, and changed ratios: by both, sharing what did not change"
     )
+    columns = *map(mixed_number_column, ("B over A", "changed", "A", "B")), text_column("unit")
+    table = ResultTable(title, text_column("parameter"), *columns, mixed_number_column("together"))
     for place, name in enumerate(pair.names):
         ratio, unit = changes.ratio(name), pair.units[place]
         values = [*(plus_minus(*side) for side in changes.separate_values(name)), _joint_value(changes, name)]
@@ -275,9 +255,7 @@ def ratios_table(comparison: Comparison) -> ResultTable | None:
     table = ResultTable("Ratios, whatever the size of thrust", text_column("ratio"), *columns, text_column("unit"))
     for symbols, sides, over, unit in inertia_ratios(comparison):
         table.add_row(symbols, plus_minus(*over), plus_minus(*sides[0]), plus_minus(*sides[1]), unit)
-    if not table.rows:
-        return None
-    return table
+    return table if table.rows else None
 
 
 def cross_prediction_table(comparison: Comparison) -> ResultTable | None:
@@ -285,13 +263,10 @@ def cross_prediction_table(comparison: Comparison) -> ResultTable | None:
     if not comparison.predictions:
         return None
     axis = comparison.a.axis
-    table = ResultTable(
-        "Runs simulated freely, by the model of the other campaign and by their own",
-        text_column("runs of"),
-        text_column("model of"),
-        number_column(f"{axis.rate_words} R²"),
-        *(number_column(f"{axis.position_words} after {horizon:.0f} s", axis.display_unit[0]) for horizon in HORIZONS),
-    )
+    errors = [f"{axis.position_words} after {horizon:.0f} s" for horizon in HORIZONS]
+    columns = number_column(f"{axis.rate_words} R²"), *(number_column(error, axis.display_unit[0]) for error in errors)
+    title = "Runs simulated freely, by the model of the other campaign and by their own"
+    table = ResultTable(title, *map(text_column, ("runs of", "model of")), *columns)
     for runs, model in (("a", "a"), ("a", "b"), ("b", "a"), ("b", "b")):
         prediction = comparison.predictions.get((model, runs))
         if prediction is not None:

@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from dataclasses import dataclass
-from itertools import chain, combinations
+from itertools import chain, combinations, starmap
 
 import numpy as np
 
@@ -180,16 +180,14 @@ def _difference(report: ReportData, estimate: Estimate, name: str) -> str:
 def steady_table(fit: DragFit) -> ResultTable:
     """Steady states with residuals, and the drag that the fit gives without each of them."""
     axis = fit.estimate.axis
+    measured = (axis.force_name, axis.force_unit), (axis.rate_words, axis.rate_unit), ("residual", axis.force_unit)
+    units = [unit_symbol(unit_of(name, axis)) for name in ("quadratic_drag", "linear_drag")]
     table = ResultTable(
         f"{steady_state_words(axis).capitalize()}s that were fitted",
         text_column("source"),
-        number_column(axis.force_name, axis.force_unit),
-        number_column(axis.rate_words, axis.rate_unit),
-        number_column("residual", axis.force_unit),
-        text_column(_TIMES),
-        text_column("command"),
-        number_column("DQ without it", unit_symbol(unit_of("quadratic_drag", axis))),
-        number_column("DL without it", unit_symbol(unit_of("linear_drag", axis))),
+        *starmap(number_column, measured),
+        *map(text_column, (_TIMES, "command")),
+        *map(number_column, ("DQ without it", "DL without it"), units),
     )
     rows = zip(fit.points, fit.residuals, fit.torque_error, fit.left_out.tolist(), strict=True)
     for point, residual, error, (quadratic, linear, *_) in rows:
@@ -216,13 +214,10 @@ def steady_table(fit: DragFit) -> ResultTable:
 def directions_table(fit: DragFit) -> ResultTable:
     """Drag from both directions together, and from each alone."""
     axis = fit.estimate.axis
-    table = ResultTable(
-        "Drag from each direction alone",
-        text_column("turns" if axis.angular else "direction"),
-        number_column(f"{steady_state_words(axis)}s"),
-        number_column("DQ", unit_symbol(unit_of("quadratic_drag", axis))),
-        number_column("DL", unit_symbol(unit_of("linear_drag", axis))),
-    )
+    units = ["", *(unit_symbol(unit_of(name, axis)) for name in ("quadratic_drag", "linear_drag"))]
+    columns = map(number_column, (f"{steady_state_words(axis)}s", "DQ", "DL"), units)
+    direction = text_column("turns" if axis.angular else "direction")
+    table = ResultTable("Drag from each direction alone", direction, *columns)
     rows = {"both": fit.estimate}
     for name, estimate in fit.directions.items():
         rows[f"{axis.position_words} {_DIRECTIONS.get(name, name)}"] = estimate

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from rovid.control.control_law import ControlLaw
-from rovid.control.design import ClosedLoopResult, ControllerDesign
+from rovid.control.design import ControllerDesign
 from rovid.core.errors import ConfigError
 from rovid.core.formatting import plus_minus
 from rovid.effects import effect_named
@@ -64,15 +64,10 @@ def simulation_table(simulations: Sequence[TrialSimulation]) -> ResultTable:
     """How well the free-running simulation follows each trial, and all trials together."""
     axis = simulations[0].run.trial.axis
     unit, horizons = axis.display_unit[0], tuple(reversed(HORIZONS))
-    table = ResultTable(
-        f"Free-running simulation against measurement, {axis.rate_words}",
-        text_column("trial"),
-        mixed_number_column("R²"),
-        *(mixed_number_column(f"{axis.position_words} after {horizon:.0f} s,", unit) for horizon in horizons),
-        mixed_number_column("RMSE", axis.rate_unit),
-        mixed_number_column("fit %"),
-        mixed_number_column("samples"),
-    )
+    columns = [text_column("trial"), mixed_number_column("R²")]
+    columns += [mixed_number_column(f"{axis.position_words} after {horizon:.0f} s,", unit) for horizon in horizons]
+    columns += map(mixed_number_column, ("RMSE", "fit %", "samples"), (axis.rate_unit, "", ""))
+    table = ResultTable(f"Free-running simulation against measurement, {axis.rate_words}", *columns)
     for item in simulations:
         errors = [format_number(axis.to_display(item.position_errors[horizon]), 2) for horizon in horizons]
         r2, *measures = _fit_cells(item.fit)
@@ -188,23 +183,20 @@ def planar_simulation_table(simulations: Sequence[PlanarTrialSimulation]) -> Res
     table = ResultTable("Free-running simulation against measurement", text_column("trial"), *columns)
     for item in simulations:
         headings = list(map(item.heading_errors.get, reversed(HORIZONS)))
-        cells = [_r2(item.fits, name) for name in sensors]
+        cells = [_measure(item.fits, name, "r2", ".4f") for name in sensors]
         cells += [format_number(None if error is None else math.degrees(error), 2) for error in headings]
         if has_track:
             cells += [format_number(item.track_errors.get(minute), 2), format_number(item.track_rms, 2)]
-        table.add_row(item.name, *cells, *(_rmse(item.fits, name) for name in sensors))
+        table.add_row(item.name, *cells, *(_measure(item.fits, name, "rmse", 2) for name in sensors))
     pooled, blanks = pooled_measures(simulations), [""] * (2 + 2 * has_track)
-    r2, rmse = [_r2(pooled, name) for name in sensors], [_rmse(pooled, name) for name in sensors]
+    r2 = [_measure(pooled, name, "r2", ".4f") for name in sensors]
+    rmse = [_measure(pooled, name, "rmse", 2) for name in sensors]
     table.add_row("all", *r2, *blanks, *rmse, begins_section=True)
     return table
 
 
-def _r2(fits: Mapping[str, FitMeasures], name: str) -> str:
-    return format_number(fits[name].r2, ".4f") if name in fits else DASH
-
-
-def _rmse(fits: Mapping[str, FitMeasures], name: str) -> str:
-    return format_number(fits[name].rmse, 2) if name in fits else DASH
+def _measure(fits: Mapping[str, FitMeasures], name: str, measure: str, digits: int | str) -> str:
+    return format_number(getattr(fits[name], measure), digits) if name in fits else DASH
 
 
 def run_manoeuvre_tables(found: Sequence[RunManoeuvre]) -> list[ResultTable]:
@@ -321,49 +313,38 @@ def runs_table(design: ControllerDesign) -> ResultTable:
     """Step metrics of every closed-loop run, in the order of the design."""
     table = ResultTable(
         "Closed-loop runs, with 2 % of the torque in use as disturbance",
-        text_column("run"),
-        text_column("effects"),
-        text_column("model aid"),
-        number_column("settled after", "s"),
-        number_column("overshoot", "deg"),
-        number_column("steady error", "deg"),
+        *map(text_column, ("run", "effects", "model aid")),
+        *map(number_column, ("settled after", "overshoot", "steady error"), ("s", "deg", "deg")),
         mixed_number_column("limit cycle"),
-        number_column("63 % after", "s"),
-        number_column("10 to 90 % in", "s"),
-        number_column("torque rms", "N m"),
+        *map(number_column, ("63 % after", "10 to 90 % in", "torque rms"), ("s", "s", "N m")),
     )
     before = ""
     for run in design.runs:
-        effects = "all" if run.effects else "none"
-        table.add_row(run.name, effects, *_run_cells(run), begins_section=run.name != before)
+        metrics, cycle = run.metrics, run.metrics.limit_cycle
+        aid = "none"
+        if run.model_aid:
+            aid = "drag and effects" if run.effects_known else "drag"
+        table.add_row(
+            run.name,
+            "all" if run.effects else "none",
+            aid,
+            format_number(metrics.settling_time, ".1f"),
+            format_number(metrics.overshoot_deg, ".1f"),
+            format_number(metrics.steady_error_deg, ".2f"),
+            "none" if cycle is None else f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s",
+            *(format_number(one, ".1f") for one in (metrics.time_constant, metrics.rise_time, metrics.effort)),
+            begins_section=run.name != before,
+        )
         before = run.name
-    if design.model.effects:
-        return table
     # Without effects in the model the column has no information.
-    return table.without("effects")
-
-
-def _run_cells(run: ClosedLoopResult) -> Iterator[str]:
-    metrics, cycle = run.metrics, run.metrics.limit_cycle
-    aid = "none"
-    if run.model_aid:
-        aid = "drag and effects" if run.effects_known else "drag"
-    yield aid
-    yield format_number(metrics.settling_time, ".1f")
-    yield format_number(metrics.overshoot_deg, ".1f")
-    yield format_number(metrics.steady_error_deg, ".2f")
-    yield "none" if cycle is None else f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s"
-    yield format_number(metrics.time_constant, ".1f")
-    yield format_number(metrics.rise_time, ".1f")
-    yield format_number(metrics.effort, ".1f")
+    return table if design.model.effects else table.without("effects")
 
 
 def formats_table(exports: Mapping[str, VerifiedExport]) -> ResultTable:
     """Difference between each format's equation and the model, and the parts that the format lacks."""
     table = ResultTable(
         "Yaw rate of each format's own equation against the model's",
-        text_column("format"),
-        text_column("file"),
+        *map(text_column, ("format", "file")),
         number_column("off by", "% of range"),
         mixed_number_column("rms", "rad/s"),
         number_column("of what it holds", "% of range"),

@@ -39,9 +39,35 @@ def show_check(console: Console, checked: LogCheck | PlanarCheck) -> None:
     if isinstance(checked, PlanarCheck):
         _show_sensors(console, checked)
     elif checked.rows:
-        console.print(_logs_table(checked))
+        first, _ = checked.rows[0]
+        quantity, unit, factor = first.axis.measured_quantity(integrated=first.rate_only)
+        shown_unit, shown_factor = first.axis.display_unit
+        travel = f"{'turned' if first.axis.angular else 'went'} {shown_unit}"
+        titles = ("length s", "holds", "sine runs", "Hz", f"{quantity} noise {unit}", travel, "samples")
+        table = ResultTable("Logs", text_column("log"), *map(mixed_number_column, titles), text_column("remarks"))
+        for trial, facts in checked.rows:
+            table.add_row(
+                shorten_name(trial.name, NAME_LENGTH),
+                f"{trial.duration:.0f}",
+                str(facts["held_commands"]),
+                str(facts["sine_runs"]),
+                format_number(1.0 / trial.sampling_interval),
+                format_number(factor * facts["noise"], 2),
+                f"{shown_factor * facts['travel']:.0f}",
+                str(facts["samples"]),
+                ", ".join(f"{remark.count} {remark.kind}" for remark in trial.remarks) or "none",
+            )
+        console.print(table)
         if any(thruster.observed.direction for thruster in checked.thrusters):
-            console.print(_thrusters_table(checked))
+            columns = map(mixed_number_column, ("certainty (standard errors)", "share of explained motion %"))
+            text = "Thrusters, by these logs alone"
+            table = ResultTable(text, text_column("thruster"), text_column("direction"), *columns)
+            for thruster in checked.thrusters:
+                observed = thruster.observed
+                share = 100.0 * max(observed.explained_share, 0.0)
+                direction = _DIRECTIONS[observed.direction]
+                table.add_row(thruster.name, direction, f"{abs(observed.t_statistic):.0f}", f"{share:.0f}")
+            console.print(table)
     problems = _merged_problems(checked.problems)
     if len(problems) > 1 and isinstance(checked, LogCheck):
         show_warnings(console, problems)
@@ -85,41 +111,6 @@ def _merged_problems(problems: Mapping[str, str]) -> list[str]:
     return [f"{shortened_list(logs)}: {reason}" if logs else reason for reason, logs in places.items()]
 
 
-def _thrusters_table(checked: LogCheck) -> ResultTable:
-    """Direction of each thruster as the logs show it."""
-    columns = map(mixed_number_column, ("certainty (standard errors)", "share of explained motion %"))
-    table = ResultTable("Thrusters, by these logs alone", text_column("thruster"), text_column("direction"), *columns)
-    for thruster in checked.thrusters:
-        observed = thruster.observed
-        share = 100.0 * max(observed.explained_share, 0.0)
-        direction = _DIRECTIONS[observed.direction]
-        table.add_row(thruster.name, direction, f"{abs(observed.t_statistic):.0f}", f"{share:.0f}")
-    return table
-
-
-def _logs_table(checked: LogCheck) -> ResultTable:
-    """Length, motion, noise and remarks of each log."""
-    first, _ = checked.rows[0]
-    quantity, unit, factor = first.axis.measured_quantity(integrated=first.rate_only)
-    shown_unit, shown_factor = first.axis.display_unit
-    travel = f"{'turned' if first.axis.angular else 'went'} {shown_unit}"
-    titles = ("length s", "holds", "sine runs", "Hz", f"{quantity} noise {unit}", travel, "samples")
-    table = ResultTable("Logs", text_column("log"), *map(mixed_number_column, titles), text_column("remarks"))
-    for trial, facts in checked.rows:
-        table.add_row(
-            shorten_name(trial.name, NAME_LENGTH),
-            f"{trial.duration:.0f}",
-            str(facts["held_commands"]),
-            str(facts["sine_runs"]),
-            format_number(1.0 / trial.sampling_interval),
-            format_number(factor * facts["noise"], 2),
-            f"{shown_factor * facts['travel']:.0f}",
-            str(facts["samples"]),
-            ", ".join(f"{remark.count} {remark.kind}" for remark in trial.remarks) or "none",
-        )
-    return table
-
-
 def _show_sensors(console: Console, checked: PlanarCheck) -> None:
     """Print what the sensors of the coupled model are, and what drives each motion."""
     if not checked.sensors:
@@ -135,7 +126,15 @@ def _show_sensors(console: Console, checked: PlanarCheck) -> None:
             one.name.replace("_", " "), format_number(one.rate), str(one.readings), noise, unit, str(one.gaps), gap
         )
     console.print(table)
-    console.print(_axes_table(checked))
+    motion = map(mixed_number_column, ("thrust RMS", "speed RMS"))
+    table = ResultTable("Motions", text_column("axis"), *motion, text_column("unit"), text_column("driven by"))
+    for driven in checked.axes:
+        axis = AXES[driven.axis]
+        speed = format_number(driven.velocity, 2) if math.isfinite(driven.velocity) else "not measured"
+        force = format_number(driven.force, 2) if driven.force else "none"
+        actuators = ", ".join(driven.actuators) or "nothing"
+        table.add_row(driven.axis, force, speed, f"{axis.force_unit}, {axis.rate_unit}", actuators)
+    console.print(table)
 
 
 def _unit(sensor: str) -> tuple[str, float]:
@@ -146,15 +145,3 @@ def _unit(sensor: str) -> tuple[str, float]:
         unit, factor = AXES["yaw"].display_unit
         return f"{unit}/s", factor
     return ("m/s", 1.0) if sensor.endswith("velocity") else ("m", 1.0)
-
-
-def _axes_table(checked: PlanarCheck) -> ResultTable:
-    columns = map(mixed_number_column, ("thrust RMS", "speed RMS"))
-    table = ResultTable("Motions", text_column("axis"), *columns, text_column("unit"), text_column("driven by"))
-    for one in checked.axes:
-        axis = AXES[one.axis]
-        speed = format_number(one.velocity, 2) if math.isfinite(one.velocity) else "not measured"
-        force = format_number(one.force, 2) if one.force else "none"
-        driven = ", ".join(one.actuators) or "nothing"
-        table.add_row(one.axis, force, speed, f"{axis.force_unit}, {axis.rate_unit}", driven)
-    return table

@@ -54,12 +54,8 @@ def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehic
     axis, guess = vehicle.axis, vehicle.assumptions
     show_verdict(console, diagnosis, guess)
     if diagnosis.extended is not None:
-        print_text(
-            console,
-            f"{sentences.PLAIN_MODEL} {sentences.EXTENDED_MODEL}"
-            if diagnosis.extended.model.effects
-            else sentences.PLAIN_MODEL,
-        )
+        extended_words = f" {sentences.EXTENDED_MODEL}" if diagnosis.extended.model.effects else ""
+        print_text(console, f"{sentences.PLAIN_MODEL}{extended_words}")
     if diagnosis.missing:
         print_text(console, diagnosis.missing)
     if diagnosis.verdict == "bad_logs":
@@ -163,11 +159,8 @@ def show_comparison(console: Console, comparison: Comparison, guess: Assumptions
     for sentence in sentences.comparison_sentences(comparison):
         print_text(console, sentence)
     console.print()
-    for table in (
-        tables.changes_table(comparison, guess),
-        tables.ratios_table(comparison),
-        tables.cross_prediction_table(comparison),
-    ):
+    further = tables.ratios_table(comparison), tables.cross_prediction_table(comparison)
+    for table in (tables.changes_table(comparison, guess), *further):
         if table is not None:
             table.print(console, guess)
     for side, campaign, causes in zip("AB", (comparison.a, comparison.b), comparison.causes, strict=True):

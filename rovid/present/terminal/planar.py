@@ -40,6 +40,7 @@ from rovid.present.terminal.diagnosis import show_finding, show_other_faults, sh
 from rovid.present.terminal.results import show_plan
 from rovid.store.planar_study import PlanarStudy
 from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import YAW
 
 # Number of undetermined combinations that have a sentence of their own.
 _COMBINATIONS = 3
@@ -47,8 +48,6 @@ _SCALE = (
     "These data never show a common factor on all thrust. If all inertias and drags change by one factor, less thrust "
     "and a larger vehicle look the same."
 )
-# Sensors that are shown in degrees.
-_ANGLES = ("heading",)
 
 
 def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy) -> None:
@@ -59,10 +58,7 @@ def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy) -> Non
     agreement_words = f"R² of the free-running simulation: {join_words(r2)}." if r2 else ""
     print_labelled(console, fit_sentence(fit), agreement_words)
     console.print()
-    console.print(estimate_table(fit.estimate, coupled=True))
-    for text in undetermined_sentences(fit):
-        print_labelled(console, "Not determined:", text, "bold yellow")
-    _show_prior(console, fit)
+    _show_parameters(console, fit)
     print_text(console, criterion_sentence(fit))
     print_text(console, f"disturbance: {'; '.join(_disturbance_words(fit, axis) for axis in fit.disturbance)}")
     print_text(console, f"noise: {', '.join(_noise_words(sensor, size) for sensor, size in fit.noise.items())}")
@@ -103,7 +99,10 @@ def prior_sentences(fit: PlanarFit) -> list[str]:
     return sentences + [f"The logs alone do not determine a combination. {one.text}" for one in combinations]
 
 
-def _show_prior(console: Console, fit: PlanarFit) -> None:
+def _show_parameters(console: Console, fit: PlanarFit) -> None:
+    console.print(estimate_table(fit.estimate, coupled=True))
+    for text in undetermined_sentences(fit):
+        print_labelled(console, "Not determined:", text, "bold yellow")
     for text in prior_sentences(fit):
         print_labelled(console, "From the prior:", text, "bold yellow")
 
@@ -117,7 +116,7 @@ def _disturbance_words(fit: PlanarFit, axis: str) -> str:
 
 
 def _noise_words(sensor: str, size: float) -> str:
-    if sensor in _ANGLES:
+    if sensor == "heading":
         return f"{sensor_words(sensor)} {format_number(math.degrees(size), 2)} deg"
     return f"{sensor_words(sensor)} {format_number(size, 2)} {SENSOR_UNITS[sensor]}"
 
@@ -179,10 +178,7 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: P
             print_labelled(console, "Gain on trials that were not fitted:", gain_words(base, extended))
         if table := planar_held_out_table(diagnosis):
             table.print(console, guess)
-        console.print(estimate_table(extended.fit.estimate, coupled=True))
-        for text in undetermined_sentences(extended.fit):
-            print_labelled(console, "Not determined:", text, "bold yellow")
-        _show_prior(console, extended.fit)
+        _show_parameters(console, extended.fit)
     if diagnosis.unexplained_shares:
         shares = [f"{axis} {100.0 * share:.2g} %" for axis, share in diagnosis.unexplained_shares.items()]
         print_text(console, f"left unexplained, in percent of the variance of all forces: {', '.join(shares)}")
@@ -216,15 +212,11 @@ def planar_held_out_table(diagnosis: PlanarDiagnosis) -> ResultTable | None:
         floor = format_number(diagnosis.noise_floors.get(name), 2)
         table.add_row(f"{sensor_words(name)} RMSE, {unit_symbol(SENSOR_UNITS[name])}", *cells, floor)
     for horizon in base.held_out.heading_errors:
-        cells = [format_number(_degrees(side.heading_errors.get(horizon))) for side in sides]
-        floor = format_number(_degrees(diagnosis.heading_floors.get(horizon)), 2)
+        cells = [format_number(YAW.to_display(side.heading_errors.get(horizon))) for side in sides]
+        floor = format_number(YAW.to_display(diagnosis.heading_floors.get(horizon)), 2)
         table.add_row(f"heading after {horizon:.0f} s, deg", *cells, floor)
     table.add_row("log-likelihood", *(format_number(side.log_likelihood, ".0f") for side in sides), "")
     return table
-
-
-def _degrees(angle: float | None) -> float | None:
-    return None if angle is None else math.degrees(angle)
 
 
 def show_planar_comparison(console: Console, comparison: PlanarComparison, warnings: Sequence[str]) -> None:
@@ -245,15 +237,11 @@ def show_planar_comparison(console: Console, comparison: PlanarComparison, warni
         table.add_row(change.name, a, b, unit_symbol(change.a.unit), ratio, format_number(change.confidence, ".3f"))
     table.print(console, guess)
     if comparison.predictions:
-        _predictions_table(comparison).print(console, guess)
+        speeds = list(dict.fromkeys(speed for fits in comparison.predictions.values() for speed in fits))
+        agreements = [mixed_number_column(f"R² {sensor_words(speed)}") for speed in speeds]
+        table = ResultTable("Free-running simulation of each campaign's runs", text_column("model"), *agreements)
+        for (model, runs), fits in comparison.predictions.items():
+            cells = [format_number(fits[speed].r2, ".4f") if speed in fits else DASH for speed in speeds]
+            table.add_row(f"{model.upper()} on the runs of {runs.upper()}", *cells)
+        table.print(console, guess)
     show_warnings(console, warnings)
-
-
-def _predictions_table(comparison: PlanarComparison) -> ResultTable:
-    speeds = list(dict.fromkeys(speed for fits in comparison.predictions.values() for speed in fits))
-    columns = [mixed_number_column(f"R² {sensor_words(speed)}") for speed in speeds]
-    table = ResultTable("Free-running simulation of each campaign's runs", text_column("model"), *columns)
-    for (model, runs), fits in comparison.predictions.items():
-        cells = [format_number(fits[speed].r2, ".4f") if speed in fits else DASH for speed in speeds]
-        table.add_row(f"{model.upper()} on the runs of {runs.upper()}", *cells)
-    return table

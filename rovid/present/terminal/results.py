@@ -49,14 +49,31 @@ def show_fit(console: Console, fit: DragFit | InertiaFit | LikelihoodFit, study:
     """Print a fit, the low-pass filter, and the warnings."""
     show_caution(console, study.vehicle.assumptions)
     show_faults(console, study.faults)
+    estimate, guess = fit.estimate, fit.estimate.assumptions
     if isinstance(fit, DragFit):
-        _show_drag(console, fit)
+        steady_table(fit).print(console, guess)
+        if fit.unsteady:
+            logs = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
+            print_text(console, f"{len(fit.unsteady)} holds left out because the rate was still changing, in {logs}")
+        console.print(estimate_table(estimate))
+        correlation = math.nan if estimate.refused else estimate.correlation("quadratic_drag", "linear_drag")
+        words = f"{estimate.method}; R² {format_number(fit.r_squared, '.4f')}; correlation of DQ and DL "
+        print_text(console, f"{words}{format_number(correlation, '.2f')}; {estimate.samples} steady states")
+        if fit.directions:
+            directions_table(fit).print(console, guess)
     elif isinstance(fit, InertiaFit):
-        _show_inertia(console, fit)
+        methods_table(fit, None).print(console, guess)
+        if any(reading.runs for reading in fit.methods.values()):
+            sine_table(fit).print(console, guess)
+        console.print(estimate_table(estimate))
+        if fit.added_inertia is not None:
+            added = plus_minus(fit.added_inertia, estimate.standard_error("inertia"))
+            unit = unit_symbol(estimate.unit("inertia"))
+            print_text(console, f"added inertia (inertia less that of the rigid body): {added} {unit}")
     else:
         _show_likelihood(console, fit)
-    if study.runs is not None and isinstance(fit, LikelihoodFit) and fit.estimate.per_inertia:
-        _show_decay(console, analyse_free_decay(fit.model, fit.estimate, study.runs.items, study.vehicle))
+        if study.runs is not None and estimate.per_inertia:
+            _show_decay(console, analyse_free_decay(fit.model, estimate, study.runs.items, study.vehicle))
     if study.runs is not None:
         # Print the cut-off frequency and the noise of the filtered signals.
         runs = study.runs
@@ -64,42 +81,10 @@ def show_fit(console: Console, fit: DragFit | InertiaFit | LikelihoodFit, study:
         name, shown, factor = runs.axis.measured_quantity(integrated=runs.rate_only)
         unit = runs.axis.rate_unit
         origin = "chosen from the data" if runs.chosen else "as given"
-        print_text(
-            console,
-            f"low pass {runs.cutoff:.3g} Hz, {origin}; noise: {name} {format_number(noise * factor, 2)} {shown}, "
-            f"rate {format_number(rate, 2)} {unit}, acceleration {format_number(acceleration, 2)} {unit}²",
-        )
-    show_warnings(console, [*study.remarks(), *fit.estimate.warnings])
-
-
-def _show_drag(console: Console, fit: DragFit) -> None:
-    estimate, guess, correlation = fit.estimate, fit.estimate.assumptions, math.nan
-    steady_table(fit).print(console, guess)
-    if fit.unsteady:
-        logs = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
-        print_text(console, f"{len(fit.unsteady)} holds left out because the rate was still changing, in {logs}")
-    console.print(estimate_table(estimate))
-    if not estimate.refused:
-        correlation = estimate.correlation("quadratic_drag", "linear_drag")
-    print_text(
-        console,
-        f"{estimate.method}; R² {format_number(fit.r_squared, '.4f')}; correlation of DQ and DL "
-        f"{format_number(correlation, '.2f')}; {estimate.samples} steady states",
-    )
-    if fit.directions:
-        directions_table(fit).print(console, guess)
-
-
-def _show_inertia(console: Console, fit: InertiaFit) -> None:
-    estimate = fit.estimate
-    methods_table(fit, None).print(console, estimate.assumptions)
-    if any(reading.runs for reading in fit.methods.values()):
-        sine_table(fit).print(console, estimate.assumptions)
-    console.print(estimate_table(estimate))
-    if fit.added_inertia is not None:
-        added = plus_minus(fit.added_inertia, estimate.standard_error("inertia"))
-        unit = unit_symbol(estimate.unit("inertia"))
-        print_text(console, f"added inertia (inertia less that of the rigid body): {added} {unit}")
+        note = f"low pass {runs.cutoff:.3g} Hz, {origin}; noise: {name} {format_number(noise * factor, 2)} {shown}, "
+        note += f"rate {format_number(rate, 2)} {unit}, acceleration {format_number(acceleration, 2)} {unit}²"
+        print_text(console, note)
+    show_warnings(console, [*study.remarks(), *estimate.warnings])
 
 
 def _show_likelihood(console: Console, fit: LikelihoodFit) -> None:
@@ -112,16 +97,12 @@ def _show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     force_unit = axis.force_unit + (PER_INERTIA if estimate.per_inertia else "")
     noise = format_number(factor * fit.position_noise, 2)
     disturbance = estimate.assumptions.mark_number(format_number(fit.disturbance), axis.force_unit)
-    print_text(
-        console,
-        f"disturbance {axis.force_name} {disturbance} {force_unit} with a correlation time of "
-        f"{format_number(fit.correlation_time, 2)} s; {name} noise {noise} {unit}",
-    )
-    print_text(
-        console,
+    size = f"disturbance {axis.force_name} {disturbance} {force_unit} with a correlation time of "
+    print_text(console, f"{size}{format_number(fit.correlation_time, 2)} s; {name} noise {noise} {unit}")
+    agreement = (
         f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; a fit to the free-running rate alone reaches "
-        f"{fit.simulation_r2:.4f}",
     )
+    print_text(console, f"{agreement}{fit.simulation_r2:.4f}")
 
 
 def _show_decay(console: Console, decay: FreeDecay) -> None:
@@ -140,11 +121,8 @@ def _show_decay(console: Console, decay: FreeDecay) -> None:
     linear, quadratic = map(shown, decay.terms.values())
     frequency = decay.natural_frequency
     ratios = [f"{name.replace('_', ' ')} {shown(each)} {each.unit}" for name, each in decay.over_inertia.items()]
-    print_text(
-        console,
-        f"natural frequency {shown(frequency)} {frequency.unit}; damping ratio {linear} from the linear drag, and "
-        f"{quadratic} for each rad of amplitude from the quadratic drag",
-    )
+    text = f"natural frequency {shown(frequency)} {frequency.unit}; damping ratio {linear} from the linear drag, and "
+    print_text(console, f"{text}{quadratic} for each rad of amplitude from the quadratic drag")
     print_text(console, f"over the inertia: {', '.join(ratios)}")
 
 
@@ -165,11 +143,8 @@ def show_bench(console: Console, fit: ThrustCurveFit, output: Path) -> None:
     dead_zone = " to ".join(map("{:.5g}".format, fit.dead_zone or ())) or "none"
     least, most = (rounded(value, decimals) for value in (fit.curve.thrust.min(), fit.curve.thrust.max()))
     largest = format_number(float(np.max(np.abs(fit.residuals))), 2)
-    print_text(
-        console,
-        f"dead zone {dead_zone}; thrust {least} to {most} N; residual {format_number(fit.rms, 2)} N rms, "
-        f"{largest} N at most",
-    )
+    text = f"dead zone {dead_zone}; thrust {least} to {most} N; residual {format_number(fit.rms, 2)} N rms, "
+    print_text(console, f"{text}{largest} N at most")
     print_text(console, f"written to {output}")
 
 
@@ -243,12 +218,11 @@ def show_matrix(console: Console, matrix: IsolabilityMatrix) -> None:
         words = [f"tells apart {_pair_words(pairs)}"] if pairs else []
         words += [f"allows tests of {', '.join(causes)}"] if causes else []
         print_labelled(console, f"With {name}:", "; ".join(words) or "nothing more")
-    print_text(
-        console,
+    text = (
         f"A pair counts as told apart from an expected log-likelihood ratio of {DECISIVE_LLR:.0f}. Minutes beyond the "
-        f"programme are those of its repetition. Causes without a fitted size change the simulated rate by "
-        f"{100.0 * SIZE_SHARE:.0f} %.",
     )
+    text += "programme are those of its repetition. Causes without a fitted size change the simulated rate by "
+    print_text(console, f"{text}{100.0 * SIZE_SHARE:.0f} %.")
 
 
 def _minutes(seconds: float) -> str:

@@ -84,10 +84,7 @@ def topic_title(topic: str) -> str:
 
 
 def topic_text(topic: str) -> str:
-    """A page as Markdown without pictures and links.
-
-    Raises ConfigError if the topic does not exist; the message offers the nearest ones.
-    """
+    """A page as Markdown without pictures and links. Raises ConfigError, with the nearest topics, if there is none."""
     there = topic_names()
     if topic not in there:
         # The catalogue is slow to import, and needed only for a name that was not found.

@@ -79,19 +79,15 @@ def _log_changes(event: watch_session.LogsChanged) -> Iterator[str]:
     if len(change.added) == 1:
         yield f"{change.added[0].name}, {_duration(change.added)}"
     elif change.added:
-        yield f"{len(change.added)} logs, {_duration(change.added)}: {_names(change.added)}"
+        yield f"{len(change.added)} logs, {_duration(change.added)}: {join_words([log.name for log in change.added])}"
     for log in change.replaced:
         yield f"{log.name} was replaced, {_duration([log])}"
     for before, after in change.renamed:
         yield f"{before.name} was renamed to {after.name}"
     if change.removed:
-        yield f"{_names(change.removed)} removed from the folder"
+        yield f"{join_words([log.name for log in change.removed])} removed from the folder"
     if change.settings:
         yield "rovid.toml, or a thrust curve, has changed"
-
-
-def _names(logs: Sequence[WatchedLog]) -> str:
-    return join_words([log.name for log in logs])
 
 
 def _duration(logs: Sequence[WatchedLog]) -> str:
@@ -174,19 +170,12 @@ def _show_diagnosis(console: Console, event: watch_session.LogsDiagnosed) -> Non
         print_text(console, f"  {cause_name(finding)}: {evidence_words(finding)}", 4)
     if diagnosis.is_cut_short and diagnosis.causes:
         print_text(console, CUT_SHORT, 2)
-    fitted = _estimate_of(event)
+    fitted = None if event.fit is None else event.fit.estimate
     if extended is not None and diagnosis.findings and (fitted is None or extended.estimate.names != fitted.names):
         print_labelled(console, "Extended model, with these causes:")
         console.print(_parameters_table(extended.estimate, fitted))
     if not all(status.met for status in event.criteria):
         _show_criteria(console, event.criteria)
-
-
-def _estimate_of(event: watch_session.LogsDiagnosed | watch_session.SessionEnded) -> Estimate | None:
-    """The last fit; None where there is none."""
-    if event.fit is None:
-        return None
-    return event.fit.estimate
 
 
 def _show_end(console: Console, event: watch_session.SessionEnded) -> None:
@@ -202,7 +191,7 @@ def _show_end(console: Console, event: watch_session.SessionEnded) -> None:
     _show_criteria(console, event.criteria)
     if event.reason != "interrupted":
         return
-    estimate = _estimate_of(event)
+    estimate = None if event.fit is None else event.fit.estimate
     if event.diagnosis is not None and event.study is not None:
         guess = event.study.vehicle.assumptions
         print_labelled(console, "Causes:", verdict_sentence(event.diagnosis, guess), indent=2)
