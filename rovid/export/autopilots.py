@@ -7,12 +7,10 @@ vehicle of `rovid.export.fossen` moves. The names of the parameters stand in the
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
-from rovid.control.actuators import AUTOPILOTS, AutopilotLaw, autopilot_loop, autopilot_parameters, default_gains
+from rovid.control.actuators import AUTOPILOTS, autopilot_loop, autopilot_parameters, default_gains
 from rovid.control.control_law import ControllerOptions, loop_conditions
-from rovid.control.tuning import Margins
 from rovid.core.errors import DataError, escape_invisible
 from rovid.core.formatting import TextTemplates
 from rovid.core.output_files import export_mark
@@ -68,10 +66,8 @@ def _head(name: str, subject: ExportInput) -> list[str]:
     lines = [f"# {export_mark(name)}.", f"# {vehicle}: yaw identified by rovid, positive clockwise from above."]
     for curve in subject.curves:
         ends = number_list(curve.command[[0, -1]])
-        lines.append(
-            f"# {escape_invisible(curve.name)}: command at the ends {ends}, at rest {curve.neutral:.6g}, yaw arm "
-            f"{curve.arm:.6g} m."
-        )
+        text = f"# {escape_invisible(curve.name)}: command at the ends {ends}, at rest {curve.neutral:.6g}, yaw arm "
+        lines.append(f"{text}{curve.arm:.6g} m.")
     trim = constant_trim(subject.curves, subject.value("bias_torque", "torque"))
     return lines + [f"# Trim of {escape_invisible(one.thruster)}: {one.text}." for one in trim]
 
@@ -86,21 +82,17 @@ def _tuned(name: str, subject: ExportInput) -> tuple[dict[str, float], list[str]
         )
     except DataError as error:
         return {}, [f"No gains: {error}"]
-    return autopilot_parameters(AUTOPILOTS[name], law), list(_loop_texts(law, loop.margins()))
-
-
-def _loop_texts(law: AutopilotLaw, margins: Margins) -> Iterator[str]:
+    x = []
+    margins = loop.margins()
     up, down = (
         f"{one:.1f} dB" if math.isfinite(one) else "without limit" for one in (margins.gain_db, margins.gain_down_db)
     )
-    yield (
-        f"Loop at {1.0 / law.period:g} Hz: phase margin {margins.phase_deg:.0f} deg, gain margin {up} up and {down} "
-        f"down, delay margin {margins.delay_s:.2f} s, peak of the sensitivity {margins.sensitivity_peak:.2f}."
-    )
-    yield (
-        f"An output of 1 is {law.full:.4g} N m, with every thruster at the end of its curve. "
-        f"kp is {law.kp:.4g} N m/rad."
-    )
+    text = f"Loop at {1.0 / law.period:g} Hz: phase margin {margins.phase_deg:.0f} deg, gain margin {up} up and {down} "
+    note = f"{text}down, delay margin {margins.delay_s:.2f} s, peak of the sensitivity {margins.sensitivity_peak:.2f}."
+    x.append(note)
+    words = f"An output of 1 is {law.full:.4g} N m, with every thruster at the end of its curve. "
+    x.append(f"{words}kp is {law.kp:.4g} N m/rad.")
+    return autopilot_parameters(AUTOPILOTS[name], law), x
 
 
 def _result(subject: ExportInput, lines: list[str], notes: list[str]) -> ExportResult:

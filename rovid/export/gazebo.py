@@ -247,10 +247,9 @@ def export_planar_uuv(subject: PlanarInput) -> ExportResult:
     )
     notes = ["Of surge and sway, the part that exceeds the smaller one is added mass."]
     if north or east:
-        notes.append(
-            "The current is not part of the model: set it with the service hydrodynamics/set_current_velocity, "
-            f"{math.hypot(north, east):.4g} m/s towards {math.degrees(math.atan2(east, north)):.4g} deg from north."
-        )
+        text = "The current is not part of the model: set it with the service hydrodynamics/set_current_velocity, "
+        text += f"{math.hypot(north, east):.4g} m/s towards {math.degrees(math.atan2(east, north)):.4g} deg from north."
+        notes.append(text)
     damping = f"\n{_six_by_six(-linear)}\n          "
     matrices = _six_by_six(inertia - body), damping, f"{-base[7]:.10g} {-base[8]:.10g} 0 0 0 {-base[9]:.10g}"
     return _robot(subject, equation, (mass, izz), matrices, kept, notes)

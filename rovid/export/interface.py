@@ -163,19 +163,15 @@ class ExportInput(Subject):
         rigid, inertia = self.vehicle.rigid_body_inertia, self.model.inertia
         notes = ["Axes are FLU, z up: a yaw rate there is minus rovid's, which grows with the heading."]
         if rigid is None:
-            notes.append(
-                "The rigid-body inertia is not known: the whole inertia is taken as the body's, added inertia 0."
-            )
+            words = "The rigid-body inertia is not known: the whole inertia is taken as the body's, added inertia 0."
+            notes.append(words)
         elif rigid > inertia:
-            notes.append(
-                f"The rigid-body inertia of [vehicle], {rigid:.4g} kg m^2, exceeds the identified {inertia:.4g} kg "
-                "m^2: the whole is taken as the body's, added inertia 0."
-            )
+            note = f"The rigid-body inertia of [vehicle], {rigid:.4g} kg m^2, exceeds the identified {inertia:.4g} kg "
+            notes.append(f"{note}m^2: the whole is taken as the body's, added inertia 0.")
         if self.vehicle.mass is None:
             notes.append("The mass is not known: 1 kg stands in its place.")
-        notes.append(
-            "Roll, pitch and the other axes are not identified: their inertia is a stand-in, their drag missing."
-        )
+        text = "Roll, pitch and the other axes are not identified: their inertia is a stand-in, their drag missing."
+        notes.append(text)
         if any(thruster.curve is not None for thruster in self.vehicle.thrusters):
             notes.append(
                 "Thrusters stand on the x axis at plus and minus their yaw arm in turn, pushing across: the yaw torque "
@@ -244,10 +240,7 @@ class ExportResult:
 
 
 def export_input(stored: Parameters, study: Study | None) -> ExportInput:
-    """Input from a parameter file and, if they exist, from the logs behind it.
-
-    Raises ConfigError if the file holds no inertia or drag.
-    """
+    """Input from a parameter file and its logs, if they exist. Raises ConfigError without inertia or drag."""
     model = stored.model()
     vehicle = Vehicle(name=stored.vehicle or "vehicle", thrusters=()) if study is None else study.vehicle
     # An effect whose channel is not logged is evaluated at 1.
@@ -268,10 +261,8 @@ def export_input(stored: Parameters, study: Study | None) -> ExportInput:
         )
     largest = float(model.drag(np.array(_ASSUMED_RATE)))
     thruster = Thruster(name="yaw_torque", arm=1.0, curve=None, max_logged_torque=largest)
-    note = (
-        f"There are no logs of the yaw rate and the thrusters. A largest yaw rate of {_ASSUMED_RATE:g} rad/s is "
-        "assumed, and the yaw torque itself is the command."
-    )
+    note = f"There are no logs of the yaw rate and the thrusters. A largest yaw rate of {_ASSUMED_RATE:g} rad/s is "
+    note += "assumed, and the yaw torque itself is the command."
     return ExportInput(
         model=model,
         vehicle=replace(vehicle, thrusters=(thruster,)),

@@ -118,10 +118,8 @@ class PlanarInput(Subject):
         if mass is None:
             notes.append("The mass is not known: the smaller inertia of surge and sway is taken as the body's mass.")
         elif mass > self.mass:
-            notes.append(
-                f"The mass of [vehicle], {mass:.4g} kg, exceeds the identified inertia of surge or sway: "
-                f"{self.mass:.4g} kg is taken as the body's mass."
-            )
+            text = f"The mass of [vehicle], {mass:.4g} kg, exceeds the identified inertia of surge or sway: "
+            notes.append(f"{text}{self.mass:.4g} kg is taken as the body's mass.")
         if self.vehicle.rigid_body_inertia is None:
             notes.append("The rigid-body inertia is not known: the whole yaw inertia is taken as the body's.")
         if any(one.position is None for one in self.actuators.thrusters.thrusters):
@@ -209,16 +207,12 @@ class PlanarInput(Subject):
 
 
 def planar_input(stored: Parameters, study: PlanarStudy | None) -> PlanarInput:
-    """Input from a parameter file and, if they exist, from the logs behind it.
-
-    Raises ConfigError if a parameter is missing.
-    """
+    """Input from a parameter file and its logs, if they exist. Raises ConfigError if a parameter is missing."""
     notes = []
     if stored.assumed:
         names = ", ".join(stored.assumed)
-        notes.append(
-            f"The logs do not determine {names}: stand-ins are written, which they neither support nor refute."
-        )
+        text = f"The logs do not determine {names}: stand-ins are written, which they neither support nor refute."
+        notes.append(text)
     if study is None:
         model = planar_model(stored)
         envelope = np.array(_ASSUMED)
@@ -227,10 +221,9 @@ def planar_input(stored: Parameters, study: PlanarStudy | None) -> PlanarInput:
             Thruster(name=f"{name}_force", arm=shares[2], curve=None, surge_share=shares[0], sway_share=shares[1])
             for name, shares in (("surge", (1.0, 0.0, 0.0)), ("sway", (0.0, 1.0, 0.0)), ("yaw", (0.0, 0.0, 1.0)))
         )
-        notes.append(
-            "There are no logs of the vehicle and its thrusters. Forces along the three axes are the commands, and "
-            f"largest speeds of {_ASSUMED[0]:g} m/s, {_ASSUMED[1]:g} m/s and {_ASSUMED[2]:g} rad/s are assumed."
-        )
+        words = "There are no logs of the vehicle and its thrusters. Forces along the three axes are the commands, and "
+        words += f"largest speeds of {_ASSUMED[0]:g} m/s, {_ASSUMED[1]:g} m/s and {_ASSUMED[2]:g} rad/s are assumed."
+        notes.append(words)
         return PlanarInput(
             model=model,
             vehicle=Vehicle(name=stored.vehicle or "vehicle", thrusters=thrusters, planar=True),

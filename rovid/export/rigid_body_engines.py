@@ -42,7 +42,16 @@ _RATES = 200  # number of rates in the fit of the drag
 def export_stonefish(subject: ExportInput) -> ExportResult:
     """A robot for Stonefish with a box as its body."""
     model, vehicle, curves, lag = subject.model, subject.vehicle, subject.curves, subject.lag
-    linear, cubic, error = _fit_drag(subject)
+    # Drag by non-negative least squares up to the largest rate.
+    largest = subject.largest_rate
+    rates = np.linspace(0.0, largest, _RATES)
+    wanted = model.drag(rates) + subject.value("drag_curvature", "cubic") * rates**3
+    # Relative to the largest rate, for columns of equal size.
+    columns = np.column_stack([rates / largest, (rates / largest) ** 3])
+    torques, _ = nnls(columns, wanted)
+    linear, cubic = float(torques[0] / largest), float(torques[1] / largest**3)
+    # Relative to the largest torque.
+    error = float(np.max(np.abs(columns @ torques - wanted))) / float(wanted[-1]) if wanted[-1] > 0.0 else 0.0
     length, width = vehicle.length or 1.0, vehicle.width or 1.0
     form_drag, friction = _mesh_integrals(length, width)
     inputs, input_note = thruster_inputs(curves, lag)
@@ -53,11 +62,9 @@ def export_stonefish(subject: ExportInput) -> ExportResult:
     equation = subject.equation(_STEP, Scheme.BODY_EULER, linear=linear, quadratic=0.0, cubic=cubic)
     losses = []
     if model.quadratic_drag != 0.0:
-        why = (
-            f"Stonefish has a linear and a cubic drag, no |r|*r: {linear:.4g}*r + {cubic:.4g}*r^3 is fitted "
-            f"to the drag up to {subject.largest_rate:.3g} rad/s, with an error of up to {100.0 * error:.2g} % of "
-            "its largest torque, and wrong beyond"
-        )
+        why = f"Stonefish has a linear and a cubic drag, no |r|*r: {linear:.4g}*r + {cubic:.4g}*r^3 is fitted "
+        why += f"to the drag up to {subject.largest_rate:.3g} rad/s, with an error of up to {100.0 * error:.2g} % of "
+        why += "its largest torque, and wrong beyond"
         losses.append(("quadratic_drag", why))
     box = f"a box of {length:g} x {width:g} x {width:g} m"
     if vehicle.length is None or vehicle.width is None:
@@ -88,22 +95,6 @@ def export_stonefish(subject: ExportInput) -> ExportResult:
             input_note,
         ),
     )
-
-
-def _fit_drag(subject: ExportInput) -> tuple[float, float, float]:
-    """Linear and cubic coefficient by non-negative least squares up to the largest rate, and the largest error.
-
-    The error is relative to the largest torque.
-    """
-    largest = subject.largest_rate
-    rates = np.linspace(0.0, largest, _RATES)
-    wanted = subject.model.drag(rates) + subject.value("drag_curvature", "cubic") * rates**3
-    # Relative to the largest rate, for columns of equal size.
-    columns = np.column_stack([rates / largest, (rates / largest) ** 3])
-    torques, _ = nnls(columns, wanted)
-    error = float(np.max(np.abs(columns @ torques - wanted)))
-    share = error / float(wanted[-1]) if wanted[-1] > 0.0 else 0.0
-    return float(torques[0] / largest), float(torques[1] / largest**3), share
 
 
 def _mesh_integrals(length: float, width: float) -> tuple[float, float]:
@@ -188,29 +179,23 @@ def export_mujoco(subject: ExportInput) -> ExportResult:
         f'    <general name="{curve.identifier}" joint="yaw" gear="{-curve.arm:.10g}"{dynamics}/>' for curve in curves
     ]
     if bias:
-        actuators.append(
-            f'    <general name="bias_torque" joint="yaw" gainprm="0" biastype="affine" biasprm="{bias:.10g} 0 0"/>'
-        )
+        note = f'    <general name="bias_torque" joint="yaw" gainprm="0" biastype="affine" biasprm="{bias:.10g} 0 0"/>'
+        actuators.append(note)
     damping = number_list(np.array([model.linear_drag, model.quadratic_drag, cubic]))
     spring = f' stiffness="{stiffness:.10g}"' if stiffness else ""
     inertia = number_list(np.full(3, model.inertia))
-    body = (
-        f'      <joint name="yaw" type="hinge" axis="0 0 1" damping="{damping}"{spring}/>',
-        f'      <inertial pos="0 0 0" mass="{subject.mass:.10g}" diaginertia="{inertia}"/>',
-    )
+    text = f'      <inertial pos="0 0 0" mass="{subject.mass:.10g}" diaginertia="{inertia}"/>'
+    body = (f'      <joint name="yaw" type="hinge" axis="0 0 1" damping="{damping}"{spring}/>', text)
     content = _model(subject, curves, body, actuators)
     equation = subject.equation(STEP, Scheme.WORLD_IMPLICIT, bias=-bias, cubic=cubic, stiffness=stiffness)
 
+    words = "The whole inertia is the body's; its other axes, and the mass where not known, are stand-ins."
     return ExportResult(
         content=content,
         simulate=simulation(subject, equation, lag=ThrusterLag(lag, THRUST_LAG), delay=delay),
         equation=equation,
         kept_effects=subject.curve_keys | (_KEPT & subject.effects.keys()),
-        notes=(
-            "z is up: a yaw rate there is minus rovid's, which grows with the heading.",
-            *_NOTES,
-            "The whole inertia is the body's; its other axes, and the mass where not known, are stand-ins.",
-        ),
+        notes=("z is up: a yaw rate there is minus rovid's, which grows with the heading.", *_NOTES, words),
     )
 
 
@@ -265,9 +250,8 @@ def export_planar_mujoco(subject: PlanarInput) -> ExportResult:
         if drag or push:
             numbers = f"{sign * push + 0.0:.10g} 0 {-drag + 0.0:.10g}"
             fixed = 'gainprm="0" biastype="affine"'
-            actuators.append(
-                f'    <general name="{name}_drag" site="origin" gear="{gear}" {fixed} biasprm="{numbers}"/>'
-            )
+            text = f'    <general name="{name}_drag" site="origin" gear="{gear}" {fixed} biasprm="{numbers}"/>'
+            actuators.append(text)
     body = (
         '      <joint name="x" type="slide" axis="1 0 0"/>',
         '      <joint name="y" type="slide" axis="0 1 0"/>',

@@ -122,13 +122,8 @@ def _field_names(subject: ExportInput) -> dict[str, str]:
 def _base_parameters(subject: ExportInput) -> dict[str, Any]:
     """Inertia and drag by name, in SI."""
     model = subject.model
-    return {
-        "inertia": model.inertia,
-        "rigid_body_inertia": subject.rigid_inertia,
-        "added_inertia": subject.added_inertia,
-        "quadratic_drag": model.quadratic_drag,
-        "linear_drag": model.linear_drag,
-    }
+    inertias = {"rigid_body_inertia": subject.rigid_inertia, "added_inertia": subject.added_inertia}
+    return {"inertia": model.inertia, **inertias} | {name: getattr(model, name) for name in _BASE[1:]}
 
 
 def _result(subject: ExportInput, content: str | bytes, base: Mapping[str, Any], effects: EffectValues) -> ExportResult:

@@ -68,16 +68,15 @@ def envelope_starts(envelope: FloatArray) -> FloatArray:
 def judge_stability(equation: BodyEquation, speeds: tuple[float, float, float]) -> Stability:
     """The verdict for the largest ``speeds`` in m/s and rad/s; one equation of several formats is judged once."""
     starts = envelope_starts(np.array(speeds))
-    fastest = _fastest(equation, starts)
+    # The largest rate in 1/s of the equation, linearised at the starts.
+    fastest = max(*(float(np.max(np.abs(np.linalg.eigvals(_jacobian(equation, start))))) for start in starts), 1e-9)
     # Whether a small motion grows by the linear damping of the exact equation.
     rates = np.linalg.eigvals(np.linalg.solve(equation.total_mass, equation.linear))
     grows_at_rest = bool(np.min(rates.real) < -_ROUNDING * max(1.0, float(np.max(np.abs(rates)))))
     rest = None if grows_at_rest else _time_to_rest(equation, starts, fastest)
     if rest is None:
-        text = (
-            "The model itself does not come to rest from every speed in the logs: its drag is too small along one "
-            "axis, or its coupling terms feed energy. No step of the simulator mends this."
-        )
+        text = "The model itself does not come to rest from every speed in the logs: its drag is too small along one "
+        text += "axis, or its coupling terms feed energy. No step of the simulator mends this."
         return Stability(False, equation.step, None, None, speeds, text)
 
     def is_stable(step: float) -> bool:
@@ -91,10 +90,8 @@ def judge_stability(equation: BodyEquation, speeds: tuple[float, float, float]) 
 def _text(stable: bool, step: float, largest: float | None, rest: float) -> str:
     if stable:
         within = f"up to a step of {largest:.2g} s" if largest is not None else ""
-        return (
-            f"Stable at the simulator's step of {step:g} s: from every speed in the logs the model slows to a tenth "
-            f"within {rest:.3g} s. Stable {within}."
-        )
+        text = f"Stable at the simulator's step of {step:g} s: from every speed in the logs the model slows to a tenth "
+        return f"{text}within {rest:.3g} s. Stable {within}."
     if largest is None:
         return (
             f"Unstable at the simulator's step of {step:g} s and at every smaller one: the added mass multiplies the "
@@ -121,12 +118,6 @@ def _acceleration(equation: BodyEquation, nu: FloatArray) -> FloatArray:
     momentum = mass @ nu
     turning = np.array([-momentum[1] * nu[2], momentum[0] * nu[2], momentum[1] * nu[0] - momentum[0] * nu[1]])
     return np.asarray(np.linalg.solve(mass, -drag - turning), dtype=np.float64)
-
-
-def _fastest(equation: BodyEquation, starts: FloatArray) -> float:
-    """Largest rate in 1/s of the linearised equation at the ``starts``."""
-    rates = [float(np.max(np.abs(np.linalg.eigvals(_jacobian(equation, start))))) for start in starts]
-    return max(*rates, 1e-9)
 
 
 def _time_to_rest(equation: BodyEquation, starts: FloatArray, fastest: float) -> float | None:

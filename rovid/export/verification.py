@@ -173,21 +173,15 @@ class VerifiedExport:
 
 
 def load_exporter(name: str, suffix: str = "", *, planar: bool = False) -> Exporter:
-    """Exporter of one of `rovid.export.FORMATS`, for a file with this ``suffix``.
-
-    Raises ConfigError if there is no such format, or if it cannot hold the coupled model.
-    """
+    """Exporter of a format to a file with this ``suffix``. Raises ConfigError if there is none for this model."""
     if name not in FORMATS:
         raise ConfigError(f"is {name!r}. {suggestion(name, FORMATS, ALIASES)}", where="FORMAT")
     form = FORMATS[name]
     function = form.planar if planar else form.other.get(suffix, form.function)
     if not function:
         able = [one for one, form in FORMATS.items() if form.planar]
-        raise ConfigError(
-            f"is {name!r}, which cannot hold surge, sway and yaw together.",
-            where="FORMAT",
-            mend=f"Give one of {', '.join(able)}.",
-        )
+        text = f"is {name!r}, which cannot hold surge, sway and yaw together."
+        raise ConfigError(text, where="FORMAT", mend=f"Give one of {', '.join(able)}.")
     exporter: Exporter = getattr(import_module(f"rovid.export.{form.module}"), function)
     return exporter
 
