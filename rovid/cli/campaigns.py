@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -38,10 +38,8 @@ def compare(
     """Find what changed between two campaigns."""
     given = campaigns or []
     if len(given) > 2:
-        raise ConfigError(
-            f"{len(given)} campaigns were given; at most two were expected.",
-            mend="Give each campaign's folder, not its single logs.",
-        )
+        text = f"{len(given)} campaigns were given; at most two were expected."
+        raise ConfigError(text, mend="Give each campaign's folder, not its single logs.")
     if context.is_planar(shared, output=output):
         _compare_planar(given, shared, matters / 100.0)
         return
@@ -179,6 +177,7 @@ def watch(
 ) -> None:
     """Follow a trial day: results after each log, and the next run."""
     compile_in_background()
+    from rovid.core.formatting import SafeConsole
     from rovid.core.output_files import PLAN, OutputFile
     from rovid.estimate.experiment_design import command_csv
     from rovid.store.folder_monitor import FolderMonitor, Problem
@@ -202,17 +201,23 @@ def watch(
     actions = SessionActions(diagnose=diagnose, keep=keep, write=write, cutoff=shared.cutoff)
     monitor = FolderMonitor(path=folder, axis=stored.axis, settled=whole, abandoned=cut, once=once)
     problems: list[str] = []
-    with _progress() as status:
+    # On a terminal the progress line stays below the printed text.
+    with SafeConsole(stderr=True).status("Looking …") if sys.stderr.isatty() else nullcontext() as status:
         report = (lambda _: None) if status is None else status.update
         session = WatchSession(monitor, actions, criteria, interval=interval, report=report)
         show = _printer(folder, criteria, interval, once=once, json=shared.json)
-        with _interruptible() as interruption:
+        interrupted, previous = False, signal.signal(signal.SIGTERM, signal.default_int_handler)
+        try:
             for event in session.events():
                 if isinstance(event, Problem):
                     problems.append(f"{event.where}: {event.text}")
                 with _paused(status):
                     show(event)
-        if interruption:
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            signal.signal(signal.SIGTERM, previous)
+        if interrupted:
             with _paused(status):
                 show(session.ended("interrupted"))
     if once and not session.ended("once").logs:
@@ -243,31 +248,6 @@ def _printer(
     else:
         show_watch_start(console(), folder, criteria, interval, once=once)
     return show
-
-
-@contextmanager
-def _interruptible() -> Iterator[list[str]]:
-    """Let Ctrl-C or SIGTERM end the block; the yielded list then has an item."""
-    interruption: list[str] = []
-    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield interruption
-    except KeyboardInterrupt:
-        interruption.append("interrupted")
-    finally:
-        signal.signal(signal.SIGTERM, previous)
-
-
-@contextmanager
-def _progress() -> Iterator[Status | None]:
-    """The progress line on a terminal, below the printed text."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rovid.core.formatting import SafeConsole
-
-    with SafeConsole(stderr=True).status("Looking …") as status:
-        yield status
 
 
 @contextmanager

@@ -99,11 +99,8 @@ def yaw_parameters(shared: SharedOptions) -> Parameters:
 
     stored = existing_parameters(shared)
     if stored.axis is not YAW:
-        raise ConfigError(
-            f"holds the parameters of {stored.axis.name}; those of yaw were expected.",
-            where=stored.path,
-            mend="Give the file of yaw with -p.",
-        )
+        text = f"holds the parameters of {stored.axis.name}; those of yaw were expected."
+        raise ConfigError(text, where=stored.path, mend="Give the file of yaw with -p.")
     return stored
 
 
@@ -171,10 +168,7 @@ def prefetch_logs(logs: Sequence[Path] | None, shared: SharedOptions) -> Prefetc
 
 
 def write_missing_config(paths: Sequence[Path], axis: Axis) -> list[str]:
-    """Write a first rovid.toml if the logs have none, as `rovid init --axis` does, and return remarks on it.
-
-    Raises ConfigError if a signal was not recognised.
-    """
+    """Remarks on a rovid.toml, written if there is none. Raises ConfigError if a signal was not recognised."""
     from rovid.trial.config import NoConfigError, find_config
 
     try:
@@ -188,11 +182,8 @@ def write_missing_config(paths: Sequence[Path], axis: Axis) -> list[str]:
 
     found, (config, *_) = write_config(survey(paths, SurveyOptions(axis=axis)), paths, force=False)
     if found.unrecognised:
-        raise ConfigError(
-            f"no column was recognised as {' and '.join(found.unrecognised)}.",
-            where=config,
-            mend="rovid just wrote this file from the logs: complete its open entries.",
-        )
+        mend = "rovid just wrote this file from the logs: complete its open entries."
+        raise ConfigError(f"no column was recognised as {' and '.join(found.unrecognised)}.", where=config, mend=mend)
     vehicle = "" if found.profile is None else f" The vehicle was taken for a {found.profile.name}."
     return [f"There was no rovid.toml. rovid wrote {config} from the logs: please check it.{vehicle}", *found.warnings]
 
@@ -218,10 +209,7 @@ def without_stale_values(stored: Parameters, study: Study) -> tuple[Parameters, 
 
 
 def require_fresh(stored: Parameters, study: Study | None) -> list[str]:
-    """Refuse a parameter file whose inputs changed; return remarks on a valid one.
-
-    Raises ConfigError if an input changed.
-    """
+    """Remarks on a parameter file. Raises ConfigError if its inputs changed."""
     from rovid.store.checks import check_freshness
 
     freshness = check_freshness(stored, None if study is None else study.provenance)
@@ -243,10 +231,7 @@ def model_assumptions(stored: Parameters, study: Study | None) -> Assumptions:
 
 
 def require_usable(stored: Parameters, study: Study | None, *, force: bool) -> tuple[list[str], Assumptions]:
-    """Refuse a parameter file whose inputs changed or, unless forced, are guesses; return remarks and guesses.
-
-    Raises ConfigError if an input changed, or the values depend on guesses.
-    """
+    """Remarks on a file, and its guesses. Raises ConfigError if inputs changed or, unless forced, there are guesses."""
     remarks, assumptions = require_fresh(stored, study), model_assumptions(stored, study)
     if assumptions and not force:
         mend = "Or give --force, and keep the results apart."

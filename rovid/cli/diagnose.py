@@ -58,7 +58,27 @@ def effect(action: str, name: str, logs: list[Path] | None = None, *, shared: Sh
         text = "are missing: `rovid effect try FILE LOGS`." if action == "try" else "are only for `rovid effect try`."
         raise ConfigError(text, where="LOGS", mend="")
     if logs:
-        _try(Path(name), logs, shared)
+        compile_in_background()
+        from rovid.core.budget import Budget
+        from rovid.diagnose.effect_trial import try_effect
+        from rovid.effects import load_plugins
+        from rovid.effects.plugins import forms_of
+        from rovid.present.documents.results import effect_trial_document
+        from rovid.present.terminal.diagnosis import show_effect_trial
+
+        load_plugins([Path(name)])
+        forms = forms_of(Path(name))
+        study = open_logs(logs, None, named_axis(shared.axis))
+        if study.runs is None:
+            raise ConfigError("are tables; an effect is tried on logs only.", where="LOGS", mend="Give logs.")
+        study.require_effects(forms)
+        study.require_sound()
+        with progress("Fitting …") as report:
+            found = try_effect(study.runs, study.vehicle, forms, Budget(seconds=study.default_budget, report=report))
+        if shared.json:
+            print_json(effect_trial_document(found, study.remarks()))
+        else:
+            show_effect_trial(console(), found, study.remarks())
     else:
         _write(name, shared)
 
@@ -81,31 +101,6 @@ def _write(name: str, shared: SharedOptions) -> None:
         print_path(console(), f"written to {path}")
     print_path(console(), f"Test it: pytest {paths[1]}")
     print_path(console(), f"Try it: rovid effect try {paths[0]} LOGS")
-
-
-def _try(path: Path, logs: list[Path], shared: SharedOptions) -> None:
-    """Fit the effect of a file, and print its gains."""
-    compile_in_background()
-    from rovid.core.budget import Budget
-    from rovid.diagnose.effect_trial import try_effect
-    from rovid.effects import load_plugins
-    from rovid.effects.plugins import forms_of
-    from rovid.present.documents.results import effect_trial_document
-    from rovid.present.terminal.diagnosis import show_effect_trial
-
-    load_plugins([path])
-    forms = forms_of(path)
-    study = open_logs(logs, None, named_axis(shared.axis))
-    if study.runs is None:
-        raise ConfigError("are tables; an effect is tried on logs only.", where="LOGS", mend="Give logs.")
-    study.require_effects(forms)
-    study.require_sound()
-    with progress("Fitting …") as report:
-        found = try_effect(study.runs, study.vehicle, forms, Budget(seconds=study.default_budget, report=report))
-    if shared.json:
-        print_json(effect_trial_document(found, study.remarks()))
-    else:
-        show_effect_trial(console(), found, study.remarks())
 
 
 def discover(logs: list[Path], *, write: Path | None = None, plot: Path | None = None, shared: SharedOptions) -> None:

@@ -65,12 +65,9 @@ def fit(
 
     effects = tuple(map(effect_named, names))
     session = open_session(logs, shared, with_history=True)
+    text = "Maximising the likelihood …"
     fit_and_store(
-        session,
-        "Maximising the likelihood …",
-        lambda: session.study.likelihood(effects, gyro=gyro),
-        *["--gyro"] * gyro,
-        json=shared.json,
+        session, text, lambda: session.study.likelihood(effects, gyro=gyro), *["--gyro"] * gyro, json=shared.json
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -178,20 +177,25 @@ def plan(
     """Design the next run."""
     from rovid.core.output_files import PLAN, OutputFile, png_signature
     from rovid.effects import effect_named
+    from rovid.estimate.candidate_runs import RunLimits
     from rovid.estimate.experiment_design import command_csv
     from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import plan_document
     from rovid.present.plots.results import plan_picture
     from rovid.present.terminal.results import show_plan
 
-    limits = partial(_limits, share, minutes, max_rate, turns, design)
+    def limits(*, angular: bool) -> RunLimits:
+        """Limits of a run in SI units."""
+        rate = math.inf if max_rate is None else max_rate * (math.pi / 180.0 if angular else 1.0)
+        travel = math.inf if turns is None else turns
+        return RunLimits(share=share, seconds=60.0 * minutes, rate=rate, travel=travel, design=design)
+
     if context.is_planar(shared, between=between):
         if matrix or design:
             where = "--matrix" if matrix else "--design"
-            raise ConfigError(
-                "is for one axis; it does not exist for --axes planar.", where=where, mend="Leave it out."
-            )
-        _plan_planar(logs, shared, output, effect or (), limits(True), narrow or "")
+            text = "is for one axis; it does not exist for --axes planar."
+            raise ConfigError(text, where=where, mend="Leave it out.")
+        _plan_planar(logs, shared, output, effect or (), limits(angular=True), narrow or "")
         return
     causes = tuple(dict.fromkeys(map(effect_named, between or ())))
     if matrix:
@@ -211,7 +215,7 @@ def plan(
     study.vehicle.require_no_rudder("a run of commands")
     effects = tuple(dict.fromkeys((*stored.effect_forms(), *map(effect_named, effect or ()))))
     with progress("Fitting, and comparing candidate runs …"):
-        found = study.plan(effects, causes, limits(stored.axis.angular), narrow or "")
+        found = study.plan(effects, causes, limits(angular=stored.axis.angular), narrow or "")
     outputs.write({commands: command_csv(found), picture: plan_picture(found, stored.axis)})
     warnings = _stale_effects(stored, study)
     if not (effects or causes or stored.path.exists()):
@@ -223,17 +227,6 @@ def plan(
         show_caution(context.console(), study.vehicle.assumptions)
         show_plan(context.console(), found, [commands.path, picture.path])
         show_warnings(context.console(), warnings)
-
-
-def _limits(
-    share: float, minutes: float, max_rate: float | None, turns: float | None, design: bool, angular: bool
-) -> RunLimits:
-    """Limits of a run in SI units."""
-    from rovid.estimate.candidate_runs import RunLimits
-
-    rate = math.inf if max_rate is None else max_rate * (math.pi / 180.0 if angular else 1.0)
-    travel = math.inf if turns is None else turns
-    return RunLimits(share=share, seconds=60.0 * minutes, rate=rate, travel=travel, design=design)
 
 
 def _plan_matrix(

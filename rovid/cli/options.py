@@ -106,12 +106,10 @@ class ManualCommand(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: D102 - typer's
         known = any("--axes" in getattr(one, "opts", ()) for one in self.get_params(ctx))
         if not known and any(one.partition("=")[0] == "--axes" for one in args):
-            raise ConfigError(
-                f"does not exist for {ctx.command_path}, which works along one axis.",
-                where="--axes",
-                mend="Leave --axes out. Surge, sway and yaw together: init, check, fit, diagnose, simulate, report, "
-                "plan, compare and export.",
-            )
+            mend = "Leave --axes out. Surge, sway and yaw together: init, check, fit, diagnose, simulate, report, "
+            mend += "plan, compare and export."
+            text = f"does not exist for {ctx.command_path}, which works along one axis."
+            raise ConfigError(text, where="--axes", mend=mend)
         return super().parse_args(ctx, args)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: D102 - typer's

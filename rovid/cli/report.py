@@ -127,10 +127,8 @@ def open(  # noqa: A001 - the command's name
         require_exists(path)
     missing = [name for name in ("starlette", "uvicorn") if find_spec(name) is None]
     if missing:
-        raise ConfigError(
-            f"`rovid open` needs the package{'s' * (len(missing) > 1)} {' and '.join(missing)}.",
-            mend="Install what it needs with `pip install 'rovid[app]'`.",
-        )
+        text = f"`rovid open` needs the package{'s' * (len(missing) > 1)} {' and '.join(missing)}."
+        raise ConfigError(text, mend="Install what it needs with `pip install 'rovid[app]'`.")
     from rovid.app.auth import show_in_browser
     from rovid.app.server import listen, serve
 
@@ -149,11 +147,8 @@ def open(  # noqa: A001 - the command's name
 def mcp() -> None:
     """Serve an assistant by the Model Context Protocol."""
     if find_spec("mcp") is None or find_spec("mcp.server.mcpserver") is None:
-        raise ConfigError(
-            "needs the package mcp, version 2 or later.",
-            where="rovid mcp",
-            mend="Install it with `pip install 'rovid[mcp]'`.",
-        )
+        mend = "Install it with `pip install 'rovid[mcp]'`."
+        raise ConfigError("needs the package mcp, version 2 or later.", where="rovid mcp", mend=mend)
     from rovid.api.mcp_server import server
 
     server().run("stdio")

@@ -159,21 +159,16 @@ def progress(text: str, limit: float = math.inf, first: float = _INTERVAL) -> It
         _shown[-1].set(text)
         yield _shown[-1].set
         return
+    from rovid.core.formatting import SafeConsole
+
     is_long = SECONDS_PER_HOUR < limit < math.inf
     _shown.append(shown := Progress(text, limit))
+    lines = lines_at_intervals(shown, SOON if is_long else first)
     try:
-        with _on_terminal(shown) if sys.stderr.isatty() else lines_at_intervals(shown, SOON if is_long else first):
+        with SafeConsole(stderr=True).status(shown) if sys.stderr.isatty() else lines:
             yield shown.set
     finally:
         _shown.remove(shown)
-
-
-@contextmanager
-def _on_terminal(shown: Progress) -> Iterator[None]:
-    from rovid.core.formatting import SafeConsole
-
-    with SafeConsole(stderr=True).status(shown):
-        yield
 
 
 @contextmanager
