@@ -152,10 +152,8 @@ def method_disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> lis
         return [
             f"{worst} by {estimate.method} is {here} {unit}, {deviation}, because this method does not model {other}."
         ]
-    text = (
-        f"{worst} is {here} {unit} by this method and {stored} {unit} by {entry.method}: they differ by "
-        f"{distances[worst]:.0f} joint standard errors. {_advice(entry, estimate)}"
-    )
+    text = f"{worst} is {here} {unit} by this method and {stored} {unit} by {entry.method}: they differ by "
+    text += f"{distances[worst]:.0f} joint standard errors. {_advice(entry, estimate)}"
     return [text]
 
 

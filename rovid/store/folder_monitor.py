@@ -208,7 +208,16 @@ class FolderMonitor:
             if not self.path.is_dir():
                 raise FileNotFoundError
             files = [file for file in list_files(self.path, _reraise).files if is_log(file)]
-            self._update_states(dict(stamps_of([*files, *config_files([self.path])])))
+            stamps = dict(stamps_of([*files, *config_files([self.path])]))
+            now = self.clock()
+            for path in {**self._states, **stamps}:
+                stamp = stamps.get(path)
+                if path not in self._states or self._states[path][0] != stamp:
+                    self._states[path] = stamp, now
+            # A file that is gone is remembered as long as its log is in use.
+            gone = [path for path, (stamp, _) in self._states.items() if stamp is None and self._stability(path)]
+            for path in set(gone) - files_of(self.logs.values()):
+                del self._states[path]
             snapshot = [(path, stamp, self._stability(path)) for path, (stamp, _) in self._states.items()]
             if snapshot != self._snapshot:
                 self._snapshot = snapshot
@@ -231,17 +240,6 @@ class FolderMonitor:
         """Return to the state before the last `accept`, which will be tried again."""
         self.logs, self._settings = self._previous
         self._snapshot = None
-
-    def _update_states(self, stamps: Mapping[Path, Stamp]) -> None:
-        now = self.clock()
-        for path in {**self._states, **stamps}:
-            stamp = stamps.get(path)
-            if path not in self._states or self._states[path][0] != stamp:
-                self._states[path] = stamp, now
-        # A file that is gone is remembered as long as its log is in use.
-        gone = [path for path, (stamp, _) in self._states.items() if stamp is None and self._stability(path)]
-        for path in set(gone) - files_of(self.logs.values()):
-            del self._states[path]
 
     def _stability(self, path: Path) -> int:
         """0 if the file changed recently, else `_READABLE` or `_FINAL`."""

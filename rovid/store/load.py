@@ -42,20 +42,14 @@ def read_parameters(path: Path) -> Parameters:
 
 
 def parse_parameters(path: Path, document: Mapping[str, Any]) -> Parameters:
-    """Parse the ``document`` of the parameter file ``path``.
-
-    Raises ConfigError if the document is not of parameters, or of a newer schema.
-    """
+    """Parse the ``document`` of ``path``. Raises ConfigError if it is not of parameters, or of a newer schema."""
     schema = document.get("schema")
     version = re.fullmatch(rf"{SCHEMA}/([0-9]{{1,9}})", str(schema))
     if version is None:
         raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path, mend=_ANOTHER)
     if int(version[1]) > SCHEMA_VERSION:
-        raise ConfigError(
-            f"has schema {schema}, newer than the {SCHEMA}/{SCHEMA_VERSION} that rovid {__version__} reads.",
-            where=path,
-            mend="Use the version of rovid that wrote it, or a newer one.",
-        )
+        text = f"has schema {schema}, newer than the {SCHEMA}/{SCHEMA_VERSION} that rovid {__version__} reads."
+        raise ConfigError(text, where=path, mend="Use the version of rovid that wrote it, or a newer one.")
     try:
         return _parse(path, document)
     except KeyError as error:
@@ -76,8 +70,19 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         if axis is PLANAR and "." not in name:
             raise ValueError(f"{name} is no parameter of the coupled model")
     if axis is PLANAR:
-        _check_planar({name: entry.value for name, entry in entries.items()} | assumed)
+        values = {name: entry.value for name, entry in entries.items()} | assumed
+        for name in filter(PLANAR_UNITS.__contains__, values):
+            least = SMALLEST if name.endswith(".inertia") else 0.0
+            if name != _COUPLED and values[name] < least:
+                raise ValueError(f"{name} is {values[name]:g}, which is not possible")
+        sway, yaw, coupled = (values.get(name, math.nan) for name in ("sway.inertia", "yaw.inertia", _COUPLED))
+        if coupled**2 >= sway * yaw:
+            raise ValueError("the mass matrix of sway and yaw is not positive definite")
     covariance = document["covariance"]
+    undetermined = []
+    for one in document.get("undetermined", []):
+        combination = {str(name): _number(weight, str(name)) for name, weight in one["combination"].items()}
+        undetermined.append(OpenCombination(combination=combination, text=str(one["text"])))
     return Parameters(
         path=path,
         vehicle=str(document.get("vehicle", "")),
@@ -88,29 +93,12 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         sources=tuple(_source(written, path.parent) for written in document["sources"]),
         settings=_settings(document.get("rests_on")),
         assumed=assumed,
-        plugins={str(name): _origin(written) for name, written in document.get("plugins", {}).items()},
-        undetermined=tuple(map(_undetermined, document.get("undetermined", []))),
+        plugins={
+            str(name): Origin(plugin=str(written["plugin"]), version=str(written["version"]))
+            for name, written in document.get("plugins", {}).items()
+        },
+        undetermined=tuple(undetermined),
     )
-
-
-def _check_planar(values: Mapping[str, float]) -> None:
-    """Refuse a mass matrix that is not positive definite, and negative drag."""
-    for name in filter(PLANAR_UNITS.__contains__, values):
-        least = SMALLEST if name.endswith(".inertia") else 0.0
-        if name != _COUPLED and values[name] < least:
-            raise ValueError(f"{name} is {values[name]:g}, which is not possible")
-    sway, yaw, coupled = (values.get(name, math.nan) for name in ("sway.inertia", "yaw.inertia", _COUPLED))
-    if coupled**2 >= sway * yaw:
-        raise ValueError("the mass matrix of sway and yaw is not positive definite")
-
-
-def _origin(written: Mapping[str, Any]) -> Origin:
-    return Origin(plugin=str(written["plugin"]), version=str(written["version"]))
-
-
-def _undetermined(written: Mapping[str, Any]) -> OpenCombination:
-    combination = {str(name): _number(weight, str(name)) for name, weight in written["combination"].items()}
-    return OpenCombination(combination=combination, text=str(written["text"]))
 
 
 def _entry(name: str, written: Mapping[str, Any]) -> Entry:
@@ -239,10 +227,7 @@ def history_output(parameters: Path) -> OutputFile:
 
 
 def read_history(parameters: Path) -> Iterator[HistoryRecord]:
-    """Records of a parameter file, the latest first; none without a history file.
-
-    Raises ConfigError if a line is damaged.
-    """
+    """Records of a parameter file, the latest first; none without a history. Raises ConfigError if one is damaged."""
     path = history_output(parameters).path
     if not path.exists():
         return
@@ -254,18 +239,14 @@ def read_history(parameters: Path) -> Iterator[HistoryRecord]:
         mend = "Move it away, or name another file with -p."
         raise ConfigError(f"is not {HISTORY.description}.", where=path, mend=mend)
     for number in range(len(lines), 1, -1):
-        yield _record(path, number, lines[number - 1], parameters)
-
-
-def _record(path: Path, number: int, line: str, parameters: Path) -> HistoryRecord:
-    try:
-        document = json.loads(line)
-        limits = {str(name): float(size) for name, size in document.get("seen", {}).items()}
-        written, version = (str(document[name]) for name in _METADATA)
-    except (ValueError, TypeError, AttributeError, KeyError) as error:
-        raise ConfigError("is damaged.", where=f"{path}:{number}", mend=_MEND) from error
-    found = replace(parse_parameters(path, document), path=parameters)
-    return HistoryRecord(parameters=found, written=written, version=version, detection_limits=limits)
+        try:
+            document = json.loads(lines[number - 1])
+            limits = {str(name): float(size) for name, size in document.get("seen", {}).items()}
+            written, version = (str(document[name]) for name in _METADATA)
+        except (ValueError, TypeError, AttributeError, KeyError) as error:
+            raise ConfigError("is damaged.", where=f"{path}:{number}", mend=_MEND) from error
+        found = replace(parse_parameters(path, document), path=parameters)
+        yield HistoryRecord(parameters=found, written=written, version=version, detection_limits=limits)
 
 
 def update_parameters(

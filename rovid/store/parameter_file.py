@@ -111,10 +111,24 @@ class Parameters:
         if "inertia" in estimate.names:
             replaced.update(filter(_is_of_effect, self.entries))
         kept = {name: entry for name, entry in self.entries.items() if name not in replaced}
-        entries = kept | _entries(estimate, "" if provenance is None else provenance.options)
+        entries = kept | {
+            name: Entry(
+                value=estimate.value(name),
+                standard_error=estimate.standard_error(name),
+                unit=estimate.unit(name),
+                method=estimate.method,
+                options="" if provenance is None else provenance.options,
+                from_prior=name in estimate.from_prior,
+            )
+            for name in estimate.names
+            if name not in estimate.refused
+        }
         ids = {key.partition(":")[0] for key in effect_ids(estimate.names)}
         plugins = {**self.plugins, **{name: found for name in ids if (found := origin(name))}}
-        updated = replace(self, entries=entries, covariance=covariance | _covariance(estimate), plugins=plugins)
+        known = [(k, name) for k, name in enumerate(estimate.names) if name not in estimate.refused]
+        pairs = combinations_with_replacement(known, 2)
+        covariance |= {(first, second): float(estimate.covariance[i, j]) for (i, first), (j, second) in pairs}
+        updated = replace(self, entries=entries, covariance=covariance, plugins=plugins)
         if provenance is None:
             return updated
         others = entries.keys() - set(estimate.names)
@@ -177,10 +191,7 @@ class Parameters:
         return entry is not None and entry.unit.endswith(PER_INERTIA)
 
     def model(self) -> Model:
-        """The model with these parameters.
-
-        Raises ConfigError if Inertia, drag or a parameter of an effect is missing, or the drag is implausibly large.
-        """
+        """The model. Raises ConfigError if a parameter of it is missing, or the drag is implausibly large."""
         quadratic_drag = self._needed("quadratic_drag", "Run `rovid fit-drag LOGS` first.")
         inertia = 1.0
         if not self.per_inertia:
@@ -194,12 +205,11 @@ class Parameters:
             mend = f"Run `rovid fit --effect {effect.key}`, or delete the other entries of the effect."
             effect_values += [self._needed(f"{effect.key}.{parameter.name}", mend) for parameter in effect.parameters]
         if quadratic_drag + linear_drag > _FASTEST * inertia:
-            raise ConfigError(
-                f"quadratic drag {quadratic_drag:.3g} and linear drag {linear_drag:.3g} stop a motion at "
-                f"1 {self.axis.rate_unit} with inertia {inertia:.3g} within {1.0 / _FASTEST} s, which is implausible.",
-                where=self.path,
-                mend="Look for a wrong digit, or fit the parameters again.",
+            text = f"quadratic drag {quadratic_drag:.3g} and linear drag {linear_drag:.3g} stop a motion at "
+            text += (
+                f"1 {self.axis.rate_unit} with inertia {inertia:.3g} within {1.0 / _FASTEST} s, which is implausible."
             )
+            raise ConfigError(text, where=self.path, mend="Look for a wrong digit, or fit the parameters again.")
         return Model(
             inertia=inertia,
             quadratic_drag=quadratic_drag,
@@ -227,10 +237,7 @@ class Parameters:
         return effect_ids([*self.entries, *self.assumed])
 
     def effect_forms(self) -> tuple[Effect, ...]:
-        """The effects whose parameters are here.
-
-        Raises ConfigError if an effect is unknown, or its plug-in is not loaded, or is loaded in another version.
-        """
+        """Effects in the file. Raises ConfigError if one is unknown, or its plug-in missing or in another version."""
         require_origins(self._plugins_in_use(), self.path)
         return tuple(map(effect_named, self.effects))
 
@@ -252,10 +259,7 @@ class Parameters:
         return OutputFile(self.path, PARAMETERS)
 
     def write(self) -> None:
-        """Write the file, replacing changes by other processes.
-
-        Raises OutputError if the file cannot be written, or the existing file is no parameter file.
-        """
+        """Replace the file. Raises OutputError if it cannot be written, or is no parameter file."""
         OutputSet([self.output]).write({self.output: self.text()})
 
     def text(self) -> str:
@@ -289,29 +293,6 @@ class Parameters:
 
 def _is_of_effect(name: str) -> bool:
     return "." in name
-
-
-def _entries(estimate: Estimate, options: str) -> dict[str, Entry]:
-    """Entries of the parameters that the estimate does not refuse."""
-    return {
-        name: Entry(
-            value=estimate.value(name),
-            standard_error=estimate.standard_error(name),
-            unit=estimate.unit(name),
-            method=estimate.method,
-            options=options,
-            from_prior=name in estimate.from_prior,
-        )
-        for name in estimate.names
-        if name not in estimate.refused
-    }
-
-
-def _covariance(estimate: Estimate) -> dict[tuple[str, str], float]:
-    """Covariance of each pair of parameters, in the order of their names."""
-    known = [(k, name) for k, name in enumerate(estimate.names) if name not in estimate.refused]
-    pairs = combinations_with_replacement(known, 2)
-    return {(first, second): float(estimate.covariance[i, j]) for (i, first), (j, second) in pairs}
 
 
 def _written(source: Source, folder: Path) -> dict[str, Any]:

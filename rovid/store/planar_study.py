@@ -269,10 +269,7 @@ class PlanarStudy:
 
 
 def planar_model(stored: Parameters, rudders: Sequence[RudderModel] = ()) -> PlanarModel:
-    """The model with the values of a parameter file, and ``rudders`` at their places.
-
-    Raises ConfigError if a parameter is missing.
-    """
+    """The model of a file, with ``rudders`` at their places. Raises ConfigError if a parameter is missing."""
     values = {name: entry.value for name, entry in stored.entries.items()} | dict(stored.assumed)
     effects = tuple(map(planar_effect, stored.effects))
     bound = tuple(BoundEffect(effect, np.zeros(len(effect.parameters))) for effect in effects)
@@ -292,10 +289,7 @@ def _stored(rudder: RudderModel, values: Mapping[str, float]) -> RudderModel:
 
 
 def planar_effect(name: str) -> Effect:
-    """The form of an effect in the coupled model; without a form the first one.
-
-    Raises ConfigError if there is no such effect, or the coupled model does not have it.
-    """
+    """An effect of the coupled model, by default in its first form. Raises ConfigError if there is no such effect."""
     for form in PLANAR_FORMS:
         if name in {form.key, form.id}:
             return form
@@ -332,10 +326,7 @@ def with_fit(stored: Parameters, fit: PlanarFit, provenance: Provenance | None =
 
 
 def open_planar_study(paths: Sequence[Path], report: ProgressCallback = lambda _: None) -> PlanarStudy:
-    """Read the logs in ``paths`` for surge, sway and yaw together; ``report`` is called with progress messages.
-
-    Raises RovidError if the logs or rovid.toml cannot be read.
-    """
+    """Read the logs for surge, sway and yaw together. Raises RovidError if they or rovid.toml cannot be read."""
     config = load_planar_config(find_config(paths))
     return planar_study_of(read_campaign(paths, config, report), config)
 

@@ -104,19 +104,14 @@ class Study:
             return fit_drag(points_from_table(read_table(self.steady)))
         axis = self.vehicle.axis
         if axis.self_righting:
-            raise DataError(
-                f"a constant torque does not keep {axis.name} turning. Drag is fitted together with the inertia.",
-                mend="Run `rovid fit-inertia`.",
-            )
+            text = f"a constant torque does not keep {axis.name} turning. Drag is fitted together with the inertia."
+            raise DataError(text, mend="Run `rovid fit-inertia`.")
         fit = self._marked(fit_drag(steady_points(self.runs.items, self.vehicle), axis))
         directions = {name: self._with_assumptions(each) for name, each in fit.directions.items()}
         return replace(fit, directions=directions)
 
     def inertia(self, drag: Estimate | None) -> InertiaFit:
-        """Inertia from sine runs and all other excited data, with the steady ``drag`` if it is known.
-
-        Raises DataError if the data do not determine the inertia.
-        """
+        """Inertia from sines and other excited data, given the ``drag`` or None. Raises DataError if not determined."""
         rigid_body = self.vehicle.reference_inertia
         if self.runs is None:
             if self.sine is None:
@@ -131,10 +126,7 @@ class Study:
         return replace(fit, regression=fit.regression and self._marked(fit.regression))
 
     def require_effects(self, effects: Sequence[Effect]) -> None:
-        """Refuse effects that do not exist for this axis, these trials or these thrusters.
-
-        Raises ConfigError if there is such an effect. The message suggests a similar one.
-        """
+        """Raises ConfigError if an effect does not exist for this axis, these trials or these thrusters."""
         trials = [] if self.runs is None else [run.trial.name for run in self.runs.items]
         thruster_forms = [form.key for form in forms_for(self.vehicle, trials=trials or ("",)) if form.per_thruster]
         axis = self.vehicle.axis.name
@@ -209,10 +201,7 @@ class Study:
         return plan_experiment(models, self.vehicle, self.campaign.trials, limits, narrow)
 
     def amplitudes(self, drag: Estimate | None = None) -> TableDiagnosis:
-        """Diagnosis of tables; the drag of a table of steady turns takes precedence over ``drag``.
-
-        Raises DataError if there is no table of sine trials.
-        """
+        """Diagnosis of tables; their own drag precedes ``drag``. Raises DataError without a table of sine trials."""
         if self.sine is None:
             text = "a table of steady turns does not determine the inertia."
             raise DataError(text, where=self.paths[0], mend="Give logs.")

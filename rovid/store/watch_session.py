@@ -3,7 +3,7 @@
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
 from rovid.core.budget import ProgressCallback
@@ -53,10 +53,7 @@ class CriterionStatus:
 
 
 def parse_criteria(text: str, axis: Axis, *, diagnosed: bool = True) -> tuple[StopCriterion, ...]:
-    """Criteria in ``text``, as "inertia 2 %, quadratic_drag 5 %"; causes are only allowed with a diagnosis.
-
-    Raises ConfigError if the text cannot be parsed, or a name is neither a parameter nor an effect.
-    """
+    """Criteria in ``text``, as "inertia 2 %"; causes only if ``diagnosed``. Raises ConfigError if one is wrong."""
     found = []
     for part in text.split(","):
         match = _CRITERION.fullmatch(part)
@@ -180,53 +177,41 @@ class _OvertakenError(Exception):
     """A new log came during the diagnosis."""
 
 
+@dataclass(eq=False)
 class WatchSession:
-    """The events in a folder until all stop criteria are met.
+    """The events in a folder until all stop criteria are met."""
 
-    ``interval``: Time between two polls in s.
-    ``report``: Called with progress messages.
-    """
-
-    def __init__(
-        self,
-        monitor: FolderMonitor,
-        actions: SessionActions,
-        until: Sequence[StopCriterion] = (),
-        *,
-        interval: float = 2.0,
-        report: ProgressCallback = lambda _: None,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
-        self._monitor = monitor
-        self._actions = actions
-        self._until = tuple(until)
-        self._interval = interval
-        self._report = report
-        self._sleep = sleep
-        self._effects: tuple[Effect, ...] = ()
-        self._study: Study | None = None
-        self._logs: tuple[WatchedLog, ...] = ()
-        self._fit: LikelihoodFit | None = None
-        self._diagnosis: Diagnosis | None = None
-        self._overtaken = False
+    monitor: FolderMonitor
+    actions: SessionActions
+    until: Sequence[StopCriterion] = ()
+    _: KW_ONLY
+    interval: float = 2.0  #: s, time between two polls.
+    report: ProgressCallback = lambda _: None
+    sleep: Callable[[float], None] = time.sleep
+    _effects: tuple[Effect, ...] = ()
+    _study: Study | None = None
+    _logs: tuple[WatchedLog, ...] = ()
+    _fit: LikelihoodFit | None = None
+    _diagnosis: Diagnosis | None = None
+    _overtaken: bool = False
 
     def events(self) -> Iterator[Event]:
         """Events as they happen; the last one is a `SessionEnded`."""
         while True:
-            change = self._monitor.poll()
-            yield from self._monitor.problems.take_new()
+            change = self.monitor.poll()
+            yield from self.monitor.problems.take_new()
             if change is not None:
-                self._monitor.accept(change)
+                self.monitor.accept(change)
                 yield from self._process(change)
                 if self._are_criteria_met():
                     yield self.ended("reached")
                     return
-            elif self._monitor.once:
+            elif self.monitor.once:
                 yield self.ended("once")
                 return
             else:
-                self._report(f"Waiting for {'another' if self._monitor.logs else 'a'} log …")
-                self._sleep(self._interval)
+                self.report(f"Waiting for {'another' if self.monitor.logs else 'a'} log …")
+                self.sleep(self.interval)
 
     def ended(self, reason: str) -> SessionEnded:
         """The final event."""
@@ -241,14 +226,14 @@ class WatchSession:
 
     def _process(self, change: FolderChange) -> Iterator[Event]:
         """Fit and diagnose the changed logs, and plan the next run."""
-        problems = self._monitor.problems
-        self._report("Fitting …")
+        problems = self.monitor.problems
+        self.report("Fitting …")
         before = self._estimate()
         try:
             study = open_study(
-                [self._monitor.path],
-                cutoff=self._actions.cutoff,
-                axis=self._monitor.axis,
+                [self.monitor.path],
+                cutoff=self.actions.cutoff,
+                axis=self.monitor.axis,
                 reading=change.reading,
                 without=change.excluded,
             )
@@ -279,9 +264,9 @@ class WatchSession:
 
     def _try_again(self, error: Exception) -> None:
         """Return to the previous state after a file, or a whole network share, disappeared."""
-        self._monitor.problems.report(self._monitor.path, str(error))
-        self._monitor.revert()
-        self._sleep(self._interval)
+        self.monitor.problems.report(self.monitor.path, str(error))
+        self.monitor.revert()
+        self.sleep(self.interval)
 
     def _fit_model(self, study: Study) -> LikelihoodFit:
         """Fit with the effects of the last diagnosis, if these logs hold their signals."""
@@ -293,10 +278,10 @@ class WatchSession:
 
     def _diagnose(self, study: Study) -> Iterator[Event]:
         """Diagnose the logs if required, keep the estimate, and plan the next run."""
-        if self._actions.diagnose is not None:
-            self._report("Diagnosing …")
+        if self.actions.diagnose is not None:
+            self.report("Diagnosing …")
             try:
-                self._diagnosis = self._actions.diagnose(study, self._report_unless_overtaken)
+                self._diagnosis = self.actions.diagnose(study, self._report_unless_overtaken)
             except _OvertakenError:
                 self._overtaken = True
                 return
@@ -309,27 +294,24 @@ class WatchSession:
         estimate = self._estimate()
         if estimate is not None:
             try:
-                self._actions.keep(study, estimate)
+                self.actions.keep(study, estimate)
             except (RovidError, OSError) as error:
-                self._monitor.problems.report("parameters", str(error))
+                self.monitor.problems.report("parameters", str(error))
             else:
-                self._monitor.problems.resolve("parameters")
+                self.monitor.problems.resolve("parameters")
         if not self._are_criteria_met() and not stopping(study.faults):
-            self._report("Comparing candidate runs …")
+            self.report("Comparing candidate runs …")
             yield from self._next_run(study)
 
     def _report_unless_overtaken(self, words: str) -> None:
-        """Report progress, and end the diagnosis if a new log came.
-
-        A diagnosis goes on if the previous one was ended, or if the stop criteria are met.
-        """
-        self._report(words)
-        if not self._overtaken and not self._are_criteria_met() and self._monitor.poll() is not None:
+        """Report progress; a new log ends the diagnosis, unless the last one was ended, or the criteria are met."""
+        self.report(words)
+        if not self._overtaken and not self._are_criteria_met() and self.monitor.poll() is not None:
             raise _OvertakenError
 
     def _next_run(self, study: Study) -> Iterator[Event]:
         """Recommend the run that discriminates between causes, or else the run that narrows a parameter."""
-        problems = self._monitor.problems
+        problems = self.monitor.problems
         advice = None if self._diagnosis is None else next_experiment(self._diagnosis)
         try:
             plan = self._discriminating_plan() or self._narrowing_plan(study)
@@ -342,7 +324,7 @@ class WatchSession:
         problems.resolve("next run")
         written = None
         try:
-            written = self._actions.write(plan)
+            written = self.actions.write(plan)
         except OutputError as error:
             problems.report("command file", str(error))
         else:
@@ -381,7 +363,7 @@ class WatchSession:
 
     def _criteria(self) -> tuple[CriterionStatus, ...]:
         estimate = self._estimate()
-        return tuple(criterion.status(estimate, self._diagnosis) for criterion in self._until)
+        return tuple(criterion.status(estimate, self._diagnosis) for criterion in self.until)
 
     def _are_criteria_met(self) -> bool:
         """Whether there are criteria and all of them are met."""
