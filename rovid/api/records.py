@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Console
 
 from rovid.api import results as to
@@ -39,7 +40,7 @@ from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy, with_fit
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import PLANAR, Axis
+from rovid.trial.axis import PLANAR
 from rovid.trial.fault import fault_texts
 from rovid.trial.trial import NO_FILE
 from rovid.trial.vehicle import Vehicle
@@ -133,34 +134,30 @@ def simulation_record(
         simulation_table(single_runs).print(console, guess)
         show_warnings(console, notes)
 
+    def draw(panel: Axes) -> None:
+        from rovid.present.plots.canvas import plot_overlay
+
+        axis, place = logs.vehicle.axis, int(np.argmax([one.run.trial.duration for one in runs]))
+        longest = runs[place]
+        if isinstance(longest, TrialSimulation):
+            time, measured = longest.run.rates.time, longest.measured
+            simulated, fit = longest.simulated, longest.fit
+        else:
+            read = longest.measured[axis.rate_signal]
+            time, measured = read.time, read.values  # noqa: PD011 - no DataFrame
+            simulated, fit = longest.simulated[axis.rate_signal], longest.fits[axis.rate_signal]
+        plot_overlay(panel, time, measured, simulated)
+        panel.set_title(f"{longest.run.trial.name}   R² {fit.r2:.4f}")
+        _label(panel, "time, s", f"{axis.rate_words}, {axis.rate_unit}")
+
     return to.SimulationRecord(
         document=document,
         show=show,
-        draw=_draw_longest(runs, logs.vehicle.axis),
+        draw=draw,
         table=lambda: _frame(document["trials"]),
         simulations=runs,
         r2={key.removesuffix("_r2"): value for key, value in document["overall"].items() if key.endswith("_r2")},
     )
-
-
-def _draw_longest(runs: Sequence[TrialSimulation | PlanarTrialSimulation], axis: Axis) -> Callable[[Axes], None]:
-    """Draw the rate of the longest run, as measured and as simulated."""
-
-    def draw(panel: Axes) -> None:
-        from rovid.present.plots.canvas import plot_overlay
-
-        item = max(runs, key=lambda one: one.run.trial.duration)
-        if isinstance(item, TrialSimulation):
-            time, measured, simulated, fit = item.run.rates.time, item.measured, item.simulated, item.fit
-        else:
-            read = item.measured[axis.rate_signal]
-            time, measured = read.time, read.values  # noqa: PD011 - no DataFrame
-            simulated, fit = item.simulated[axis.rate_signal], item.fits[axis.rate_signal]
-        plot_overlay(panel, time, measured, simulated)
-        panel.set_title(f"{item.run.trial.name}   R² {fit.r2:.4f}")
-        _label(panel, "time, s", f"{axis.rate_words}, {axis.rate_unit}")
-
-    return draw
 
 
 def diagnosis_record(found: Diagnosis | PlanarDiagnosis, study: Study | PlanarStudy) -> to.DiagnosisRecord:
@@ -268,11 +265,12 @@ def export_record(name: str, made: VerifiedExport, vehicle: Vehicle) -> to.Expor
         panel.barh(list(parts), [one["yaw_rate_percent_of_range"] for one in parts.values()])
         _label(panel, "error of the yaw rate, % of its range", "")
 
+    percentages = [key for key in document["mismatch"] if key.endswith("percent_of_range")]
     return to.ExportRecord(
         document=document,
         show=lambda console: show_results.show_export(console, Path(name), made),
         draw=draw,
-        table=lambda: _frame(document["not_held"], ["what", "why", *filter(_is_percent, document["mismatch"])]),
+        table=lambda: _frame(document["not_held"], ["what", "why", *percentages]),
         format=name,
         content=made.content,
         not_held=tuple(loss.what for loss in made.losses),
@@ -305,10 +303,6 @@ def _stored(fit: LikelihoodFit | ModelAssessment | PlanarFit | None, study: Stud
     if fit is None:
         return empty
     return with_fit(empty, fit) if isinstance(fit, PlanarFit) else empty.with_estimate(fit.estimate)
-
-
-def _is_percent(key: str) -> bool:
-    return key.endswith("percent_of_range")
 
 
 def _frame(rows: Sequence[Mapping[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:

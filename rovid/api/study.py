@@ -150,9 +150,8 @@ class VehicleStudy:
         self.logs.require_sound()
         if self.coupled is not None:
             if gyro:
-                raise ConfigError(
-                    "is given together with axes.", where="gyro", mend="Leave it out: all sensors are fitted."
-                )
+                mend = "Leave it out: all sensors are fitted."
+                raise ConfigError("is given together with axes.", where="gyro", mend=mend)
             return records.fit_record(self.coupled.fit(self._effects(effects)), self.coupled)
         require_right_signs(self.logs)
         return records.fit_record(self.logs.likelihood(self._effects(effects), gyro=gyro), self.logs)
