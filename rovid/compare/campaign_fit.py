@@ -157,10 +157,7 @@ def campaign_from_parameters(
 
 
 def campaign_from_file(path: Path, name: str) -> CampaignFit:
-    """A campaign from a parameter file, with the detection limits in its history.
-
-    Raises RovidError if the file cannot be read, or the inertia or the drag is missing.
-    """
+    """A campaign from a parameter file and its history. Raises RovidError if inertia or drag cannot be read."""
     stored = read_parameters(path)
     if stored.axis is PLANAR:
         mend = "Give --axes planar."
@@ -180,11 +177,8 @@ def previous_campaign(stored: Parameters) -> CampaignFit:
     others += [record for record in records if not _is_same_model(record.parameters, stored)]
     if not others:
         text = "holds no other model to compare with." if records else "there is no such history of earlier models."
-        raise DataError(
-            text,
-            where=history_output(stored.path).path,
-            mend="Give A and B. Each `rovid fit`, `rovid diagnose` and `rovid report` adds a line to the history.",
-        )
+        mend = "Give A and B. Each `rovid fit`, `rovid diagnose` and `rovid report` adds a line to the history."
+        raise DataError(text, where=history_output(stored.path).path, mend=mend)
     found = others[0]
     logs = found.parameters.logs
     name = stored.path.name if logs == stored.logs else ", ".join(path.name for path in logs)
@@ -202,11 +196,8 @@ def input_warnings(a: CampaignFit, b: CampaignFit) -> Iterator[str]:
     Raises ConfigError if the axes or the thrusters differ.
     """
     if a.axis is not b.axis:
-        raise ConfigError(
-            f"is of {a.axis.name} and {b.name} of {b.axis.name}; one degree of freedom was expected.",
-            where=a.name,
-            mend="Give --axis, or two parameter files of one axis.",
-        )
+        text = f"is of {a.axis.name} and {b.name} of {b.axis.name}; one degree of freedom was expected."
+        raise ConfigError(text, where=a.name, mend="Give --axis, or two parameter files of one axis.")
     if a.settings is not None and b.settings is not None:
         thrusters_a, thrusters_b = _thrusters(a.settings), _thrusters(b.settings)
         if thrusters_a != thrusters_b:
@@ -218,10 +209,8 @@ def input_warnings(a: CampaignFit, b: CampaignFit) -> Iterator[str]:
             )
         differences = a.settings.changes(b.settings, drive_alone=True)
         if differences:
-            yield (
-                f"rovid.toml differs: {'; '.join(differences)}. If that is a correction and not a refit, make both "
-                "files equal, because all parameters are measured relative to thrust."
-            )
+            words = f"rovid.toml differs: {'; '.join(differences)}. If that is a correction and not a refit, make both "
+            yield (f"{words}files equal, because all parameters are measured relative to thrust.")
     if a.vehicle_name != b.vehicle_name:
         names = [repr(one.vehicle_name) if one.vehicle_name else "no name" for one in (a, b)]
         yield f"The names of the vehicles differ: {names[0]} in {a.name}, {names[1]} in {b.name}."

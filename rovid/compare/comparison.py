@@ -283,6 +283,13 @@ def compare(
         if campaign is other or all(map(other.has_signals_for, model.effects)):
             tasks[name, other_name] = model, other
     predictions = dict(zip(tasks, thread_map(lambda task: _predict(*task), list(tasks.values())), strict=True))
+    # Each warning once, with the names of its campaigns.
+    campaigns: dict[str, list[str]] = {}
+    for campaign, estimate in {a: in_a, b: in_b}.items():
+        study = campaign.study
+        remarks = [] if study is None else [*fault_texts(study.faults), *study.remarks()]
+        for text in dict.fromkeys((*remarks, *estimate.warnings)):
+            campaigns.setdefault(text, []).append(campaign.name)
     return Comparison(
         verdict=verdict,
         a=a,
@@ -294,7 +301,7 @@ def compare(
         predictions=predictions,
         relevant_change=relevant_change,
         open_questions=open_questions,
-        warnings=(*warnings, *_fit_warnings({a: in_a, b: in_b})),
+        warnings=(*warnings, *(f"{' and '.join(names)}: {text}" for text, names in campaigns.items())),
     )
 
 
@@ -358,10 +365,7 @@ def _causes(
     estimate: SharedEstimate,
     changes: DifferenceTest,
 ) -> tuple[str, ...]:
-    """Ids of the causes that act in ``campaign``.
-
-    These are the causes found there, and the unchanged causes found in the ``other`` campaign that are significant.
-    """
+    """Ids of the causes found in ``campaign``, and of unchanged ones of the ``other`` that are significant here."""
     found = {effect.key: effect.id for effect in campaign.found_effects}
     found_in_other = {effect.id for effect in other.found_effects}
     changed = {change.candidate.name for change in changes.established}
@@ -382,14 +386,3 @@ def _predict(model: Model, campaign: CampaignFit) -> CrossPrediction:
     return CrossPrediction(
         simulations=simulations, rate_r2=errors.r2, rate_rmse=errors.rate, position_errors=errors.position
     )
-
-
-def _fit_warnings(estimates: Mapping[CampaignFit, SharedEstimate]) -> list[str]:
-    """Remarks on the logs and on the fits, each once, with the names of its campaigns."""
-    campaigns: dict[str, list[str]] = {}
-    for campaign, estimate in estimates.items():
-        study = campaign.study
-        remarks = [] if study is None else [*fault_texts(study.faults), *study.remarks()]
-        for text in dict.fromkeys((*remarks, *estimate.warnings)):
-            campaigns.setdefault(text, []).append(campaign.name)
-    return [f"{' and '.join(names)}: {text}" for text, names in campaigns.items()]

@@ -336,10 +336,7 @@ class _Selection:
         if others:
             direction = self._project_out(self._directions(others), direction)
         power = float(direction @ direction)
-        return math.sqrt(2.0 * self._required_gain() / power) if power > _TINY else math.inf
-
-    def _required_gain(self) -> float:
-        """Gain in log-likelihood that establishes a change."""
+        # The gain in log-likelihood that establishes a change.
         prior = math.log(len(self.candidates) * ESTABLISHED / (1.0 - ESTABLISHED)) + self._penalty
         low, high = prior, prior
         while probability_not_a_stand_in(high, high, white=self.pair.white) < ESTABLISHED:
@@ -350,7 +347,7 @@ class _Selection:
                 high = middle
             else:
                 low = middle
-        return high
+        return math.sqrt(2.0 * high / power) if power > _TINY else math.inf
 
     def joint(self, chosen: Sequence[ChangeCandidate]) -> tuple[FloatArray, FloatArray]:
         """(2p,) values of A and B and their covariance, with all parameters shared that are not ``chosen``."""
