@@ -121,11 +121,8 @@ def find_campaigns(folders: Sequence[Path], out: Path) -> dict[str, Path]:
     found = dict.fromkeys(campaign for folder in folders for campaign in _search(_absolute(folder), out))
     for folder in found:
         if out.resolve().is_relative_to(folder.resolve()):
-            raise ConfigError(
-                f"lies in the campaign {folder}. The results would be read as logs of that campaign.",
-                where=f"-o {out}",
-                mend="Choose a folder outside of the campaign.",
-            )
+            text = f"lies in the campaign {folder}. The results would be read as logs of that campaign."
+            raise ConfigError(text, where=f"-o {out}", mend="Choose a folder outside of the campaign.")
     # A link to another folder of the list is not a second campaign.
     unique = {folder.resolve(): folder for folder in reversed(found)}
     return dict(sorted(_names(list(unique.values())).items()))
@@ -267,7 +264,19 @@ def campaign_record(task: CampaignTask) -> CampaignRecord:
     """Record with the campaign's diagnosis, or with the user's error."""
     folder = Path(task.folder)
     try:
-        result = _diagnose(folder, task)
+        from rovid.present.documents.diagnosis import diagnosis_document
+        from rovid.store.study import open_study
+        from rovid.trial.axis import axis_named
+
+        study = open_study([folder], cutoff=task.cutoff, axis=axis_named(task.axis))
+        diagnosis = study.diagnosis(budget=_SHARED_CORES * study.default_budget)
+        trials = () if study.campaign is None else study.campaign.trials
+        result: dict[str, Any] = {
+            "vehicle": study.vehicle.name,
+            "start": min((trial.start_epoch for trial in trials if trial.start_epoch is not None), default=None),
+            "seconds": sum(trial.duration for trial in trials) if trials else None,
+            "diagnosis": diagnosis_document(diagnosis, study),
+        }
     except RovidError as error:
         # Paths relative to the campaign: the message does not depend on the folder of the fleet.
         text = str(error).replace(f"{folder}{os.sep}", "").replace(str(folder), task.name)
@@ -275,22 +284,6 @@ def campaign_record(task: CampaignTask) -> CampaignRecord:
     return CampaignRecord(
         campaign=task.name, folder=task.folder, digest=task.digest, peak_memory=_peak_memory(), **result
     )
-
-
-def _diagnose(folder: Path, task: CampaignTask) -> Mapping[str, Any]:
-    from rovid.present.documents.diagnosis import diagnosis_document
-    from rovid.store.study import open_study
-    from rovid.trial.axis import axis_named
-
-    study = open_study([folder], cutoff=task.cutoff, axis=axis_named(task.axis))
-    diagnosis = study.diagnosis(budget=_SHARED_CORES * study.default_budget)
-    trials = () if study.campaign is None else study.campaign.trials
-    return {
-        "vehicle": study.vehicle.name,
-        "start": min((trial.start_epoch for trial in trials if trial.start_epoch is not None), default=None),
-        "seconds": sum(trial.duration for trial in trials) if trials else None,
-        "diagnosis": diagnosis_document(diagnosis, study),
-    }
 
 
 def _peak_memory() -> int | None:

@@ -109,10 +109,8 @@ def caution(fleet: results.Fleet) -> str:
     names = [record.campaign for record in fleet.done if results.guessed(record)]
     if not names:
         return ""
-    return (
-        f"Arms or thrust curves are guesses in {shortened_list(names)}: inertia and drag there are "
-        "placeholders and are not compared with other campaigns."
-    )
+    text = f"Arms or thrust curves are guesses in {shortened_list(names)}: inertia and drag there are "
+    return f"{text}placeholders and are not compared with other campaigns."
 
 
 def cause_changes(fleet: results.Fleet) -> Iterator[str]:
@@ -140,10 +138,8 @@ def _date_range(fleet: results.Fleet) -> str:
 
 def _campaign_table(fleet: results.Fleet) -> ResultTable:
     """All campaigns by vehicle and date, then those without a diagnosis."""
-    table = ResultTable(
-        "All campaigns. Each name links to the full diagnosis.",
-        *map(text_column, ("campaign", "vehicle", "start, UTC", "verdict", "causes", "suspects")),
-    )
+    text = "All campaigns. Each name links to the full diagnosis."
+    table = ResultTable(text, *map(text_column, ("campaign", "vehicle", "start, UTC", "verdict", "causes", "suspects")))
     for record in (*(record for records in fleet.vehicles.values() for record in records), *fleet.failed):
         key = results.verdict(record)
         words = VERDICTS[key][-1] if key else "no diagnosis"
@@ -169,9 +165,8 @@ def _histories(
     for number, name in enumerate(fleet.parameters):
         marked = {outlier.campaign for outlier in found if outlier.name == name}
         alt = f"{parameter_title(name)} of each campaign with its 95 % interval, vehicle by vehicle."
-        yield PageFigure(
-            svg=render_inline_svg(history(fleet, name, marked, by_name.get(name)), f"history{number}"), alt=alt
-        )
+        figure = history(fleet, name, marked, by_name.get(name))
+        yield PageFigure(svg=render_inline_svg(figure, f"history{number}"), alt=alt)
 
 
 def _cause_table(fleet: results.Fleet) -> ResultTable | None:
@@ -181,9 +176,8 @@ def _cause_table(fleet: results.Fleet) -> ResultTable | None:
     if not effects:
         return None
     heads = [text_column(_effect_title(fleet, effect)) for effect in effects]
-    table = ResultTable(
-        "Causes by campaign, in order of time.", text_column("vehicle"), text_column("campaign"), *heads
-    )
+    text = "Causes by campaign, in order of time."
+    table = ResultTable(text, text_column("vehicle"), text_column("campaign"), *heads)
     for vehicle, records in fleet.vehicles.items():
         for record in records:
             cells = dict.fromkeys(effects, ABSENT)
@@ -197,11 +191,8 @@ def _mean_table(fleet: results.Fleet, means: Sequence[results.ShrunkParameter]) 
     """Hierarchical means and scatters; None if there are none."""
     if not means:
         return None
-    table = ResultTable(
-        "Fleet means and scatter of the vehicles about them.",
-        text_column("parameter"),
-        *map(mixed_number_column, ("mean", "between vehicles", "between a vehicle's campaigns")),
-    )
+    columns = map(mixed_number_column, ("mean", "between vehicles", "between a vehicle's campaigns"))
+    table = ResultTable("Fleet means and scatter of the vehicles about them.", text_column("parameter"), *columns)
     for one in means:
         mean = f"{plus_minus(one.mean.value, one.mean.error)} {unit_symbol(fleet.units[one.name])}".strip()
         scatters = [

@@ -247,9 +247,8 @@ def _diagnose(
             if not options.cluster:
                 raise
             mend = "The campaigns that were finished are kept: start the cluster again, and repeat the command."
-            raise ConfigError(
-                "the Dask scheduler was lost.", where=f"--cluster {options.cluster}", mend=mend
-            ) from error
+            text = "the Dask scheduler was lost."
+            raise ConfigError(text, where=f"--cluster {options.cluster}", mend=mend) from error
 
 
 @contextlib.contextmanager
