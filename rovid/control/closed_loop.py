@@ -172,10 +172,8 @@ def _control(loop: ClosedLoop, run: ClosedLoopRun) -> Iterator[None]:
             measured += float(sensor.deviation(np.array([measured]))[0])
         measured += noise[k]
         if not math.isfinite(measured):
-            raise DataError(
-                "the simulated closed loop diverges with these parameters.",
-                mend="Check the parameter file: a time constant may be far too short for its effect. Fit again.",
-            )
+            mend = "Check the parameter file: a time constant may be far too short for its effect. Fit again."
+            raise DataError("the simulated closed loop diverges with these parameters.", mend=mend)
         state = law.initial_state(measured) if state is None else state
         run.torque[at : at + steps], state = law.step(state, measured, setpoint)
         yield

@@ -56,11 +56,8 @@ class ControllerOptions:
         if self.law not in LAWS:
             raise ConfigError(f"is {self.law!r}. {suggestion(self.law, LAWS)}", where="--law")
         if self.law != LAWS[0] and (self.steps or self.rate_filter is not None):
-            raise ConfigError(
-                "is for the model-aided law; an autopilot has its own rate.",
-                where="--step" if self.steps else "--rate-filter",
-                mend="Leave it out.",
-            )
+            text = "is for the model-aided law; an autopilot has its own rate."
+            raise ConfigError(text, where="--step" if self.steps else "--rate-filter", mend="Leave it out.")
         self.parsed_steps()
 
     def parsed_steps(self) -> list[tuple[float, float]]:
@@ -72,9 +69,8 @@ class ControllerOptions:
                 start, end = float(first), float(last)
                 found.append((start, start + math.remainder(end - start, 360.0)))
             except ValueError as error:
-                raise ConfigError(
-                    f"is {text!r}; two headings in deg were expected, as in 20:120.", where="--step"
-                ) from error
+                words = f"is {text!r}; two headings in deg were expected, as in 20:120."
+                raise ConfigError(words, where="--step") from error
         return found
 
 
@@ -82,16 +78,12 @@ def loop_conditions(
     options: ControllerOptions, model: Model, heading_noise: float | None, torque_in_use: float | None
 ) -> "LoopConditions":
     """Conditions of the loop; without logs with a heading noise of 0.01 deg and the drag at 0.15 rad/s."""
-    if heading_noise is None:
-        heading_noise = _HEADING_NOISE
-    if torque_in_use is None:
-        torque_in_use = model.drag(np.array(_RATE_IN_USE)).item()
     return LoopConditions(
         period=options.period,
         delay=options.delay,
         rate_filter=options.rate_filter,
-        heading_noise=heading_noise,
-        torque_in_use=torque_in_use,
+        heading_noise=_HEADING_NOISE if heading_noise is None else heading_noise,
+        torque_in_use=model.drag(np.array(_RATE_IN_USE)).item() if torque_in_use is None else torque_in_use,
     )
 
 
@@ -305,16 +297,14 @@ _TEXTS = TextTemplates(__file__, "control_law")
 
 def c_source(law: ControlLaw, guess: Assumptions) -> str:
     """C99 source of ``law`` without memory allocation, with a notice on guessed values."""
-    return _source(
-        Template(_TEXTS["c"]), law, guess, ("<", ">"), "    if (torque {operator} {value!r}) torque = {value!r};\n"
-    )
+    text = "    if (torque {operator} {value!r}) torque = {value!r};\n"
+    return _source(Template(_TEXTS["c"]), law, guess, ("<", ">"), text)
 
 
 def python_source(law: ControlLaw, guess: Assumptions) -> str:
     """Python source of ``law`` with the standard library only, with a notice on guessed values."""
-    return _source(
-        Template(_TEXTS["python"]), law, guess, ("max", "min"), "        torque = {operator}(torque, {value!r})\n"
-    )
+    text = "        torque = {operator}(torque, {value!r})\n"
+    return _source(Template(_TEXTS["python"]), law, guess, ("max", "min"), text)
 
 
 def _source(template: Template, law: ControlLaw, guess: Assumptions, operators: tuple[str, str], statement: str) -> str:

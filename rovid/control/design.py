@@ -103,17 +103,11 @@ class ControllerDesign:
 def design_controller(
     parameters: Parameters, vehicle: Vehicle, conditions: LoopConditions, options: ControllerOptions
 ) -> ControllerDesign:
-    """Design a controller, and simulate it.
-
-    Raises DataError if no bandwidth has sufficient margins, or the thrusters cannot turn the vehicle both ways.
-    """
+    """Design a controller and simulate it. Raises DataError without sufficient margins or turns both ways."""
     model, autopilot = parameters.model(), AUTOPILOTS.get(options.law)
     if not vehicle.thrusters and autopilot is not None:
-        raise DataError(
-            "without thrusters the torque of an autopilot's full output is not known.",
-            where="--law",
-            mend="Give logs with thrusters and their curves, or leave --law out.",
-        )
+        text = "without thrusters the torque of an autopilot's full output is not known."
+        raise DataError(text, where="--law", mend="Give logs with thrusters and their curves, or leave --law out.")
     if not vehicle.thrusters:
         # Results from tables know no thrusters: the torque itself is commanded.
         vehicle = replace(vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
@@ -132,10 +126,8 @@ def design_controller(
             bandwidth = bandwidth or choose_bandwidth(model, vehicle, allocation, conditions, options.damping)
             kp, kd = tuning.pd_gains(model.inertia, options.damping, bandwidth)
         law = control_law(model, allocation, conditions, kp, kd)
-        loop, probe = (
-            open_loop(law, model, vehicle, allocation, conditions),
-            _probe(model, vehicle, allocation, conditions),
-        )
+        loop = open_loop(law, model, vehicle, allocation, conditions)
+        probe = _probe(model, vehicle, allocation, conditions)
         manoeuvres = standard_manoeuvres(options.parsed_steps(), conditions.torque_in_use)
         runs = closed_runs(law, model, vehicle, allocation, conditions, manoeuvres)
     margins = loop.margins()
@@ -276,19 +268,19 @@ def closed_runs(
         )
         loops = [noisy_and_noise_free(controller, own, plant, manoeuvres) for controller, own, _, _ in controllers]
         runs = iter(simulate_pairs([*itertools.chain(*loops)]))
-        for (_, _, aided, known), (manoeuvre, own) in itertools.product(
-            controllers, zip(manoeuvres, results, strict=True)
-        ):
-            metrics, noise_free = next(runs)
-            result = ClosedLoopResult(
-                name=manoeuvre.name,
-                effects=tuple(effect.key for effect in acting.effects),
-                model_aid=aided,
-                effects_known=known,
-                metrics=metrics,
-                noise_free_run=noise_free,
-            )
-            own.append(result)
+        effects = tuple(effect.key for effect in acting.effects)
+        for _, _, aided, known in controllers:
+            for manoeuvre, own in zip(manoeuvres, results, strict=True):
+                metrics, noise_free = next(runs)
+                result = ClosedLoopResult(
+                    name=manoeuvre.name,
+                    effects=effects,
+                    model_aid=aided,
+                    effects_known=known,
+                    metrics=metrics,
+                    noise_free_run=noise_free,
+                )
+                own.append(result)
     return [*itertools.chain(*results)]
 
 

@@ -145,13 +145,16 @@ class OpenLoop:
             crossovers.append(math.exp(at))
             phases.append(phase)
             delays.append(phase / math.exp(at))
+        # A lag of t in s is at its margin where L/(1 + jwt) = -1: Re L is -1, and Im L is -w*t.
+        real = np.array([place for place, _ in _crossings(x, response.real + 1.0)])
+        lags = -np.interp(real, x, response.imag) / np.exp(real)
         return Margins(
             stable=stable,
             gain_db=_decibel(up),
             gain_down_db=_decibel(down),
             phase_deg=math.degrees(min(phases, default=math.nan)),
             delay_s=min(delays, default=math.nan),
-            lag_s=_lag_margin(frequency, response) if stable else 0.0,
+            lag_s=float(np.min(lags[lags > 0.0], initial=math.inf)) if stable else 0.0,
             crossover=max(crossovers, default=math.nan),
             sensitivity_peak=float(np.max(np.abs(1.0 / (1.0 + response)))),
         )
@@ -178,14 +181,6 @@ def _gain_margins(x: FloatArray, size: FloatArray, above: FloatArray) -> tuple[b
     if balance != 0:
         return False, -max(beyond, default=math.inf), down
     return True, min(rest, default=math.inf), down
-
-
-def _lag_margin(frequency: FloatArray, response: ComplexArray) -> float:
-    """Smallest t in s with L/(1 + jwt) = -1: where the real part of L is -1, its imaginary part is -w*t."""
-    x = np.log(frequency)
-    at = np.array([place for place, _ in _crossings(x, response.real + 1.0)])
-    lags = -np.interp(at, x, response.imag) / np.exp(at)
-    return float(np.min(lags[lags > 0.0], initial=math.inf))
 
 
 def _crossings(x: FloatArray, y: FloatArray) -> list[tuple[float, bool]]:
@@ -257,10 +252,8 @@ def largest_bandwidth(loop_of: Callable[[float], OpenLoop], limit: float) -> flo
             damped = margins.phase_deg >= PHASE_MARGIN and margins.sensitivity_peak <= SENSITIVITY_PEAK
             if damped and margins.stable and margins.delay_s >= loop.total_lag(margins.crossover):
                 return float(bandwidth)
-    raise DataError(
-        f"no bandwidth above {BANDWIDTHS[0]:g} rad/s has sufficient margins: the delay of the loop is too long.",
-        mend="Give --bandwidth, or --kp and --kd, or shorten --period and --delay.",
-    )
+    text = f"no bandwidth above {BANDWIDTHS[0]:g} rad/s has sufficient margins: the delay of the loop is too long."
+    raise DataError(text, mend="Give --bandwidth, or --kp and --kd, or shorten --period and --delay.")
 
 
 def sample_models(parameters: Parameters, count: int, seed: int) -> list[Model]:
