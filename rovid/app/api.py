@@ -34,7 +34,6 @@ from rovid.present.terminal.check import VERDICTS, check_notes, check_tasks
 from rovid.readers.formats import READERS
 from rovid.trial.axis import PLANAR, SIGNAL_UNITS, YAW, parameter_file_name
 from rovid.trial.config import FILE_NAME, load_config, load_planar_config
-from rovid.trial.fault import Excerpt, Fault
 from rovid.trial.vehicle_presets import load_preset, preset_names
 
 Document = dict[str, Any]
@@ -77,10 +76,15 @@ class Api:
             kinds = sorted({READERS[file.suffix.lower()].kind for file in files})
             choice = None if own else choices_of(text, kinds)
             existing = {"file": self.root.name(config), "text": text, "choice": choice}
+        vehicles = []
+        for name in preset_names():
+            preset = load_preset(name)
+            sizes = {key: getattr(preset, key) for key in ("mass", "length", "width")}
+            vehicles.append({"id": name, "name": preset.name, "arms": dict(preset.arms), **sizes})
         return {
             "folder": self.root.name(folder),
             "logs": [self._log_document(file, paths) for file in files],
-            "vehicles": list(map(_preset_document, preset_names())),
+            "vehicles": vehicles,
             "units": {name: list(units) for name, units in SIGNAL_UNITS.items()},
             "existing": existing,
             "chosen": None if data is None else data[0],
@@ -177,10 +181,7 @@ class Api:
         return None
 
     def paths(self, names: Sequence[str]) -> list[Path]:
-        """Paths of the logs that the page names.
-
-        Raises RovidError if a log is missing or outside of the root folder.
-        """
+        """Paths of the logs that the page names. Raises RovidError if one is missing or outside of the root folder."""
         if not names:
             raise ConfigError("no logs were chosen.")
         paths = list(map(self.root.path, names))
@@ -199,11 +200,8 @@ class Api:
         for block in blocks if isinstance(blocks, list) else []:
             curve = block.get("curve") if isinstance(block, dict) else None
             if isinstance(curve, str) and ("\0" in curve or not self.root.contains(config.parent / curve)):
-                raise ConfigError(
-                    f"curve is {curve!r}, outside of {self.root.folder}.",
-                    where=config,
-                    mend="Put the curve next to the logs, or use the command line.",
-                )
+                mend = "Put the curve next to the logs, or use the command line."
+                raise ConfigError(f"curve is {curve!r}, outside of {self.root.folder}.", where=config, mend=mend)
 
     def _log_document(self, file: Path, paths: Sequence[Path]) -> Document:
         folder = paths[0] if paths[0].is_dir() else file.parent
@@ -279,7 +277,17 @@ def _check(paths: Sequence[Path], config: Path, place: Path, *, planar: bool) ->
         "verdict": checked.verdict,
         "words": f"{lead} {words}",
         "caution": loaded.vehicle.assumptions.caution,
-        "spots": [_spot(fault, fault.excerpt) for fault in checked.faults if fault.excerpt][:_SPOTS],
+        "spots": [
+            {
+                "title": fault.title,
+                "label": fault.excerpt.label,
+                "time": fault.excerpt.time.tolist(),
+                "values": [value if math.isfinite(value) else None for value in fault.excerpt.displayed.tolist()],
+                "at": fault.at,
+            }
+            for fault in checked.faults
+            if fault.excerpt
+        ][:_SPOTS],
     }
     answer |= {"tasks": list(check_tasks(checked)), "notes": check_notes(checked)}
     if isinstance(checked, PlanarCheck):
@@ -287,22 +295,8 @@ def _check(paths: Sequence[Path], config: Path, place: Path, *, planar: bool) ->
     return answer | {"document": check_document(checked, loaded.vehicle)}
 
 
-def _spot(fault: Fault, excerpt: Excerpt) -> Document:
-    """The signal around a fault, for a plot."""
-    return {
-        "title": fault.title,
-        "label": excerpt.label,
-        "time": excerpt.time.tolist(),
-        "values": [value if math.isfinite(value) else None for value in excerpt.displayed.tolist()],
-        "at": fault.at,
-    }
-
-
 def _may_replace(files: Mapping[OutputFile, str]) -> bool:
-    """Whether the existing rovid.toml was written by the page and not changed since.
-
-    Raises OutputError if a thrust curve of the page was changed.
-    """
+    """Whether the page wrote this rovid.toml unchanged since. Raises OutputError if a thrust curve was changed."""
     config, *curves = files
     data = read_form_data(_read_text(config.path)) if config.path.is_file() else None
     if data is None:
@@ -310,11 +304,8 @@ def _may_replace(files: Mapping[OutputFile, str]) -> bool:
     for output in filter(lambda output: output.path.is_file(), curves):
         content, digest = output.path.read_bytes(), data[1].get(output.path.name)
         if content not in (b"", files[output].encode()) and sha256_digest(content) != digest:
-            raise OutputError(
-                "exists already and was changed since rovid wrote it.",
-                where=output.path,
-                mend="If it is a measured curve now, rename it: rovid then uses it as one.",
-            )
+            mend = "If it is a measured curve now, rename it: rovid then uses it as one."
+            raise OutputError("exists already and was changed since rovid wrote it.", where=output.path, mend=mend)
     return True
 
 
@@ -352,9 +343,3 @@ def _size_in_memory(columns: Mapping[str, RawColumn]) -> int:
 
 def _read_text(path: Path) -> str:
     return path.read_text(encoding="utf-8", errors="replace")
-
-
-def _preset_document(name: str) -> Document:
-    preset = load_preset(name)
-    sizes = {key: getattr(preset, key) for key in ("mass", "length", "width")}
-    return {"id": name, "name": preset.name, "arms": dict(preset.arms), **sizes}

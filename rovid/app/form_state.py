@@ -134,6 +134,17 @@ def parse_form(document: object) -> FormState:
         commands, signals = document.get("commands"), document.get("signals")
         sizes = {key: value for key, value in document.get("size", {}).items() if key in _SIZES and value is not None}
         every = [command for group in (commands or {}).values() for command in group]
+        exclusions = []
+        for one in document.get("leave_out", []):
+            end = one.get("to")
+            exclusions.append(
+                Exclusion(
+                    log=_text(one["log"]),
+                    begin=_number(one.get("from") or 0.0),
+                    end=math.inf if end is None else _number(end),
+                    reason=_text(one.get("reason", "")),
+                )
+            )
         overrides = UserOverrides(
             name=_text(document.get("name", "")),
             size={key: _number(sizes[key], least=1e-6) for key in _SIZES if key in sizes},
@@ -146,11 +157,15 @@ def parse_form(document: object) -> FormState:
                 if one.get("angle") is not None
             },
             names={_text(one["source"]): _text(one["name"]) for one in every if one.get("name")},
-            exclusions=tuple(map(_exclusion, document.get("leave_out", []))),
+            exclusions=tuple(exclusions),
         )
+        name = document.get("vehicle", "")
+        # A preset file of the user is for the command line only: the page reads nothing outside of its folder.
+        if not isinstance(name, str) or name.endswith(".toml"):
+            raise ValueError("vehicle")
         return FormState(
             logs=tuple(map(str, document["logs"])),
-            vehicle=_vehicle(document.get("vehicle", "")),
+            vehicle=name,
             signals=overrides.signals,
             overrides=overrides,
             document=document,
@@ -159,13 +174,6 @@ def parse_form(document: object) -> FormState:
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ConfigError(f"the page sent an invalid choice ({error}).", mend="Load the page again.") from error
-
-
-def _vehicle(name: object) -> str:
-    # A preset file of the user is for the command line only: the page reads nothing outside of its folder.
-    if not isinstance(name, str) or name.endswith(".toml"):
-        raise ValueError("vehicle")
-    return name
 
 
 def _time_unit(name: object) -> str:
@@ -193,16 +201,6 @@ def _signals(group: Mapping[str, Any]) -> dict[str, SignalGuess]:
         unit = _text(one.get("unit") or "")
         signals[_text(name)] = SignalGuess(source=_text(one["source"]), unit=unit, sign=sign, reason="")
     return signals
-
-
-def _exclusion(one: Mapping[str, Any]) -> Exclusion:
-    end = one.get("to")
-    return Exclusion(
-        log=_text(one["log"]),
-        begin=_number(one.get("from") or 0.0),
-        end=math.inf if end is None else _number(end),
-        reason=_text(one.get("reason", "")),
-    )
 
 
 def with_form_data(text: str, form: FormState, curves: Mapping[str, bytes]) -> str:

@@ -45,18 +45,6 @@ class SessionFolder:
 @contextlib.contextmanager
 def session_folder() -> Iterator[SessionFolder]:
     """A new folder, removed at the end; before that, those of killed pages are removed."""
-    _remove_stale()
-    path = Path(tempfile.mkdtemp(prefix=_PREFIX))  # mode 0700
-    lock = FileLock(path / _LOCK)
-    lock.acquire()
-    try:
-        yield SessionFolder(path)
-    finally:
-        lock.release()
-        shutil.rmtree(path, ignore_errors=True)
-
-
-def _remove_stale() -> None:
     for path in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
         with contextlib.suppress(OSError, Timeout):
             # Whether this is a folder of this user and no link; other users may write to the folder above.
@@ -65,18 +53,23 @@ def _remove_stale() -> None:
             if not is_own_folder or not ((path / _LOCK).exists() or time.time() - path.lstat().st_mtime > _STARTED):
                 continue
             with FileLock(path / _LOCK, timeout=0):
-                _delete_unfinished(path / _UNFINISHED)
+                notes = path / _UNFINISHED
+                for line in notes.read_bytes().splitlines() if notes.is_file() else []:
+                    part = Path(os.fsdecode(line))
+                    if part.name.startswith(PART_PREFIX):
+                        part.unlink(missing_ok=True)
+                        # The folder goes, too, if it was made for this file.
+                        with contextlib.suppress(OSError):
+                            part.parent.rmdir()
             shutil.rmtree(path, ignore_errors=True)
-
-
-def _delete_unfinished(notes: Path) -> None:
-    for line in notes.read_bytes().splitlines() if notes.is_file() else []:
-        part = Path(os.fsdecode(line))
-        if part.name.startswith(PART_PREFIX):
-            part.unlink(missing_ok=True)
-            # The folder goes, too, if it was made for this file.
-            with contextlib.suppress(OSError):
-                part.parent.rmdir()
+    path = Path(tempfile.mkdtemp(prefix=_PREFIX))  # mode 0700
+    lock = FileLock(path / _LOCK)
+    lock.acquire()
+    try:
+        yield SessionFolder(path)
+    finally:
+        lock.release()
+        shutil.rmtree(path, ignore_errors=True)
 
 
 # Maximum size of an uploaded file in bytes.
@@ -108,10 +101,7 @@ class RootFolder:
         return cls(folder=Path(os.path.commonpath(folders)))
 
     def path(self, name: str) -> Path:
-        """Path of ``name``, which separates its parts by /.
-
-        Raises RovidError if the path is outside of the folder, or hidden.
-        """
+        """Path of ``name``, with parts separated by /. Raises RovidError if it is hidden or outside of the folder."""
         parts = [part for part in name.split("/") if part not in {"", "."}]
         path = self.folder
         plain = not name.startswith(("/", "~")) and all(map(_is_plain, parts)) and len(parts) <= 100
@@ -119,11 +109,8 @@ class RootFolder:
             path = path.joinpath(*parts)
         # The joined path may still be on another drive, and a link may lead anywhere.
         if not plain or not path.is_relative_to(self.folder) or not self.contains(path):
-            raise ConfigError(
-                f"is not below {self.folder}, or is hidden.",
-                where=name,
-                mend="Start `rovid open` with the folder that holds the logs.",
-            )
+            mend = "Start `rovid open` with the folder that holds the logs."
+            raise ConfigError(f"is not below {self.folder}, or is hidden.", where=name, mend=mend)
         return path
 
     def contains(self, path: Path) -> bool:
@@ -142,11 +129,8 @@ class RootFolder:
         for path in paths:
             for file in list_files(path, lambda _: None).files:
                 if file.suffix.lower() in FORMATS and not self.contains(file):
-                    raise ConfigError(
-                        f"is a link that leads out of {self.folder}, and `rovid open` reads nothing outside.",
-                        where=file,
-                        mend="Copy the log there, or use the command line.",
-                    )
+                    text = f"is a link that leads out of {self.folder}, and `rovid open` reads nothing outside."
+                    raise ConfigError(text, where=file, mend="Copy the log there, or use the command line.")
 
     def folders(self, name: str) -> list[tuple[str, int]]:
         """Names of the subfolders of a folder, each with its number of logs."""
@@ -180,27 +164,20 @@ def _is_log(path: Path) -> bool:
 
 
 def clean_name(name: str) -> Path:
-    """Relative path for an uploaded file, without characters that are not allowed in file names.
-
-    Raises RovidError if the suffix is not that of a log.
-    """
-    parts = [_clean(part) for part in re.split(r"[\\/]", name) if part not in {"", ".", ".."}]
+    """Path for an uploaded file, in allowed characters. Raises RovidError if its suffix is not that of a log."""
+    parts = []
+    for part in re.split(r"[\\/]", name):
+        if part not in {"", ".", ".."}:
+            visible = "".join(filter(is_visible, unicodedata.normalize("NFC", part)))
+            plain = _SPECIAL.sub("_", visible).strip(". ")
+            stem, dot, suffix = plain.rpartition(".")
+            short = f"{stem[: _LONGEST - len(suffix)]}{dot}{suffix}"[-_LONGEST:]
+            parts.append(f"_{short}" if not short or _DEVICES.fullmatch(short) else short)
     path = Path(*parts[-_DEEPEST:]) if parts else Path("log")
     if not _is_log(path):
-        raise ConfigError(
-            f"is no log that rovid reads; {', '.join(FORMATS)} were expected.",
-            where=name,
-            mend="Drop only logs. This page writes rovid.toml itself.",
-        )
+        text = f"is no log that rovid reads; {', '.join(FORMATS)} were expected."
+        raise ConfigError(text, where=name, mend="Drop only logs. This page writes rovid.toml itself.")
     return path
-
-
-def _clean(part: str) -> str:
-    visible = "".join(filter(is_visible, unicodedata.normalize("NFC", part)))
-    plain = _SPECIAL.sub("_", visible).strip(". ")
-    stem, dot, suffix = plain.rpartition(".")
-    short = f"{stem[: _LONGEST - len(suffix)]}{dot}{suffix}"[-_LONGEST:]
-    return f"_{short}" if not short or _DEVICES.fullmatch(short) else short
 
 
 @dataclass(kw_only=True)
@@ -237,11 +214,9 @@ class Upload:
         if size - self.size > shutil.disk_usage(self.home).free - _SPARE:
             raise OutputError("does not fit on the disk.", where=self.name, mend="Free some space there.")
         if size > LARGEST:
-            raise OutputError(
-                f"is larger than {LARGEST >> 30} GB, the largest file that the page takes.",
-                where=self.name,
-                mend="Copy it into a folder, and start `rovid open` with that folder.",
-            )
+            text = f"is larger than {LARGEST >> 30} GB, the largest file that the page takes."
+            mend = "Copy it into a folder, and start `rovid open` with that folder."
+            raise OutputError(text, where=self.name, mend=mend)
 
     def finish(self) -> Path:
         """Move the file to its name, or to a free name like it."""
