@@ -232,11 +232,8 @@ class OutputSet:
             mend = "Make it writable, or name another file by -o or -p, where the command has them."
             raise OutputError("is write-protected.", where=output.path, mend=mend)
         if status.st_size and not (matches and signature.replaceable) and not self._force:
-            raise OutputError(
-                f"already exists, and is not {signature.description}.",
-                where=output.path,
-                mend="Choose another name, or give --force to replace it.",
-            )
+            text = f"already exists, and is not {signature.description}."
+            raise OutputError(text, where=output.path, mend="Choose another name, or give --force to replace it.")
 
 
 def _contains(target: Path, content: bytes) -> bool:

@@ -93,11 +93,9 @@ def _read_journal(path: Path) -> _Transaction:
         return Path(os.path.normpath(path.parent / place))
 
     document = json.loads(path.read_bytes())
-    return _Transaction(
-        journals=tuple(map(absolute, document["journals"])),
-        moves=tuple((absolute(staged), absolute(target)) for staged, target in document["moves"]),
-        removals=tuple((absolute(place), int(inode)) for place, inode in document["removals"]),
-    )
+    moves = tuple((absolute(staged), absolute(target)) for staged, target in document["moves"])
+    removals = tuple((absolute(place), int(inode)) for place, inode in document["removals"])
+    return _Transaction(journals=tuple(map(absolute, document["journals"])), moves=moves, removals=removals)
 
 
 def replace_files(contents: Mapping[Path, bytes], stale: Sequence[Path], folders: Sequence[Path]) -> None:
@@ -107,11 +105,9 @@ def replace_files(contents: Mapping[Path, bytes], stale: Sequence[Path], folders
     Raises OSError if a file cannot be written. Nothing was changed.
     """
     name = _PREFIX + secrets.token_hex(8) + _JOURNAL_SUFFIX
-    transaction = _Transaction(
-        journals=tuple(folder / name for folder in folders),
-        moves=tuple((target.parent / f"{_PREFIX}{secrets.token_hex(8)}.tmp", target) for target in contents),
-        removals=tuple((path, path.stat().st_ino) for path in stale if path.exists()),
-    )
+    moves = tuple((target.parent / f"{_PREFIX}{secrets.token_hex(8)}.tmp", target) for target in contents)
+    removals = tuple((path, path.stat().st_ino) for path in stale if path.exists())
+    transaction = _Transaction(journals=tuple(folder / name for folder in folders), moves=moves, removals=removals)
     try:
         for staged, target in transaction.moves:
             write_synced(staged, contents[target])

@@ -9,8 +9,8 @@ from rovid.effects.actuator_dynamics import lagged, lagged_in_series, rotor_lagg
 from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, OnThrust, OnTorque, Values
 
 
-def _lagged_torque(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
-    return inputs.apply_per_trial(lagged, torque, values["time_constant"])
+def _lagged(inputs: ActuatorInputs, series: FloatArray, values: Values) -> FloatArray:
+    return inputs.apply_per_trial(lagged, series, values["time_constant"])
 
 
 def _lagged_in_series(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
@@ -18,12 +18,8 @@ def _lagged_in_series(inputs: ActuatorInputs, torque: FloatArray, values: Values
     return inputs.apply_per_trial(lagged_in_series, torque, first, values["ratio"] * first)
 
 
-def _lagged_command(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    return inputs.apply_per_trial(lagged, command, values["time_constant"])
-
-
 def _twice_lagged(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    return _lagged_command(inputs, _lagged_command(inputs, command, values), values)
+    return _lagged(inputs, _lagged(inputs, command, values), values)
 
 
 def _lagged_speed(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -51,7 +47,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque at the edges of steps and ahead of the peaks of a sine, none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("command_delay", "added_mass_memory", "slew_limit"),
-    acts=OnTorque(_lagged_torque, settling_time=_settled),
+    acts=OnTorque(_lagged, settling_time=_settled),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -59,7 +55,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="command",
         equation="τ·du'/dt + u' = u, ahead of the thrust curve",
-        acts=OnCommand(_lagged_command, settling_time=_settled),
+        acts=OnCommand(_lagged, settling_time=_settled),
     ),
     replace(
         EFFECT,
@@ -103,6 +99,6 @@ ANGLE_FORMS: tuple[Effect, ...] = (
         title="lag of the angle",
         axes=("planar",),
         equation="τ·dδ'/dt + δ' = δ, δ the angle of each rudder and azimuth thruster",
-        acts=OnCommand(_lagged_command, settling_time=_settled, of_angles=True),
+        acts=OnCommand(_lagged, settling_time=_settled, of_angles=True),
     ),
 )

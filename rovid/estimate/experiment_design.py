@@ -177,10 +177,8 @@ def _designed_run(
 def require_thrusters(vehicle: Vehicle) -> None:
     """Refuse to plan commands for a vehicle without thrusters. Raises DataError if there are no thrusters."""
     if not vehicle.thrusters:
-        raise DataError(
-            f"nothing drives the vehicle in {vehicle.axis.name}: there are no commands to plan.",
-            mend="Release it from a large and from a small tilt, at rest and at speed.",
-        )
+        text = f"nothing drives the vehicle in {vehicle.axis.name}: there are no commands to plan."
+        raise DataError(text, mend="Release it from a large and from a small tilt, at rest and at speed.")
 
 
 def least_certain_parameter(candidate: CandidateModel) -> str:

@@ -72,10 +72,8 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
     """
     axis = runs[0].trial.axis
     if not runs[0].trial.has_actuators:
-        raise DataError(
-            f"no actuator drives the vehicle in {axis.name} in these logs, so the inertia cannot be determined.",
-            mend="Run `rovid fit`: it gives frequency, damping and their ratios to the inertia.",
-        )
+        text = f"no actuator drives the vehicle in {axis.name} in these logs, so the inertia cannot be determined."
+        raise DataError(text, mend="Run `rovid fit`: it gives frequency, damping and their ratios to the inertia.")
     trials = [] if axis.self_righting else sine_trials(runs)
     require_motion(trials, axis)
     regression, refused = None, dict[str, str]()
@@ -226,10 +224,9 @@ def plausibility_warnings(estimate: Estimate, rigid_body: float | None) -> list[
     """Warnings of an implausible ratio to the ``rigid_body``'s inertia; raise DataError for an impossible one."""
     value, axis, unit = estimate.value("inertia"), estimate.axis, estimate.unit("inertia")
     if not value > 0.0:
-        raise DataError(
-            f"the inertia comes out at {value:.3g} {unit}: the vehicle moves against its {axis.force_name}.",
-            mend=f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}.",
-        )
+        text = f"the inertia comes out at {value:.3g} {unit}: the vehicle moves against its {axis.force_name}."
+        mend = f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}."
+        raise DataError(text, mend=mend)
     if rigid_body is None:
         return []
     ratio = value / rigid_body
@@ -273,11 +270,8 @@ def fit_inertia_table(table: CsvTable, *, drag: Estimate | None, rigid_body: flo
         values = table.numbers(name)
         at = int(np.argmin(values))
         if values[at] <= 0.0:
-            raise DataError(
-                f"{name} is {values[at]:g}, a number above 0 was expected.",
-                where=f"{table.path}:{table.lines[at]}",
-                mend="Correct the cell or delete the row.",
-            )
+            text = f"{name} is {values[at]:g}, a number above 0 was expected."
+            raise DataError(text, where=f"{table.path}:{table.lines[at]}", mend="Correct the cell or delete the row.")
     names = row_names(table)
     balance, warnings = _table_harmonic_balance(table, drag, names)
     estimate = _estimate(balance, METHODS["harmonic_balance"] + ", amplitudes of a table", len(names))
@@ -340,11 +334,8 @@ def _table_harmonic_balance(
     remaining = inertia_torque_squared(rate)
     if not (remaining > 0.0).all():
         at = int(np.argmin(remaining))
-        raise DataError(
-            f"the drag at {rate[at]:g} rad/s exceeds the torque of {torque[at]:g} N m: nothing is left for inertia.",
-            where=f"{table.path}:{table.lines[at]}",
-            mend="Check the drag and the row.",
-        )
+        text = f"the drag at {rate[at]:g} rad/s exceeds the torque of {torque[at]:g} N m: nothing is left for inertia."
+        raise DataError(text, where=f"{table.path}:{table.lines[at]}", mend="Check the drag and the row.")
     values = inertia(rate)
     half = table.resolution("peak_yaw_rate_rad_s") / 2.0
     ends = inertia(rate - half), inertia(rate + half)

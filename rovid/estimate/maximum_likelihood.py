@@ -88,11 +88,9 @@ def fit_likelihood(
     """
     axis = runs[0].trial.axis
     if gyro and all(run.trial.rate is None for run in runs):
-        raise DataError(
-            f"no {axis.rate_words} is logged.",
-            where="--gyro",
-            mend=f"Map {axis.rate_signal} in [signals] of rovid.toml, or leave it out.",
-        )
+        text = f"no {axis.rate_words} is logged."
+        mend = f"Map {axis.rate_signal} in [signals] of rovid.toml, or leave it out."
+        raise DataError(text, where="--gyro", mend=mend)
     start = fit_output_error(runs, min_sigmas=0.0 if effects else MIN_INERTIA_SIGMAS)
     data = InnovationData(runs, vehicle, start, gyro=gyro)
     simulation_r2 = data.free_run_r2(start)

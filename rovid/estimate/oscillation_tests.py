@@ -229,11 +229,8 @@ def peak_method(trials: Sequence[SineTrial], drag: Model) -> InertiaReading:
     error = math.nan
     if len(values) > 1:
         error = float(np.std(values, ddof=1) / math.sqrt(len(values)))
-    return InertiaReading(
-        value=float(np.mean(values)),
-        standard_error=error,
-        runs=tuple((trial.source, value, math.nan) for trial, value in zip(trials, values, strict=True)),
-    )
+    runs = tuple((trial.source, value, math.nan) for trial, value in zip(trials, values, strict=True))
+    return InertiaReading(value=float(np.mean(values)), standard_error=error, runs=runs)
 
 
 def peak_inertia(motion: PeriodicMotion, drag: Model) -> float:

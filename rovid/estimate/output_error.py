@@ -136,10 +136,9 @@ def fit_free_swings(runs: Sequence[Run]) -> Model:
     low = np.array([0.0, 0.0, *np.full(len(scale) - 2, -np.inf)])
     values = lsq_linear(others / scale, -acceleration, bounds=(low, np.inf)).x / scale
     if not values[2] > 0.0:
-        raise DataError(
-            f"the free motion in {axis.name} is no swing: there is no restoring torque.",
-            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm_key}.",
-        )
+        text = f"the free motion in {axis.name} is no swing: there is no restoring torque."
+        mend = f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm_key}."
+        raise DataError(text, mend=mend)
     return _model(axis, np.array([1.0, *values]))
 
 
@@ -231,14 +230,11 @@ def _bounded(
         least_torque, most_torque = np.quantile(torque, shares)
         least_rate, most_rate = np.quantile(measured[:, 2], shares)
         if least_torque > -_FEW * most_torque and least_rate < -_FEW * most_rate < 0.0:
-            raise DataError(
-                f"the {axis.force_name} has one sign, but the vehicle moves both ways.",
-                mend=f"A logged size, as of a motor's current, has no sign: give the {axis.force_name} with its sign.",
-            )
-        raise DataError(
-            f"the inertia comes out negative: the vehicle moves against its {axis.force_name}, or hardly at all.",
-            mend=f"Check in rovid.toml the signs of {signs}. {EXCITATION_ADVICE}",
-        )
+            text = f"the {axis.force_name} has one sign, but the vehicle moves both ways."
+            mend = f"A logged size, as of a motor's current, has no sign: give the {axis.force_name} with its sign."
+            raise DataError(text, mend=mend)
+        text = f"the inertia comes out negative: the vehicle moves against its {axis.force_name}, or hardly at all."
+        raise DataError(text, mend=f"Check in rovid.toml the signs of {signs}. {EXCITATION_ADVICE}")
     return free, values
 
 

@@ -105,10 +105,9 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
         kept = (solution.values >= 0.0) | ~np.isin(names, NAMES)
         solution = solution._replace(values=replace(balance, free=kept).solve().values)
     if not (solution.values[:2] > 0.0).any():
-        raise DataError(
-            f"the vehicle moves against its {axis.force_name} in these holds, which no drag does.",
-            mend=f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}.",
-        )
+        text = f"the vehicle moves against its {axis.force_name} in these holds, which no drag does."
+        mend = f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}."
+        raise DataError(text, mend=mend)
     residuals = balance.residuals(solution.values)
     kind = "weighted" if balance.error_known else "ordinary"
     method = f"{_states(axis)}, {kind} least squares"

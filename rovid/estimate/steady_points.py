@@ -196,13 +196,9 @@ class TorqueBalance:
         # Position does not matter: an axis with a righting moment has no steady turns.
         restoring = regressors(restoring_effect(axis), np.zeros(len(points)))
         squares, rates = [point.square_rate for point in points], [point.rate for point in points]
-        return cls(
-            design=np.column_stack((squares, rates, restoring)),
-            torque=np.array([point.torque for point in points]),
-            error=np.ones(len(points)),
-            error_known=False,
-            free=free,
-        )
+        design = np.column_stack((squares, rates, restoring))
+        torque = np.array([point.torque for point in points])
+        return cls(design=design, torque=torque, error=np.ones(len(points)), error_known=False, free=free)
 
     @property
     def is_determined(self) -> bool:

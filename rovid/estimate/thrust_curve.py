@@ -75,11 +75,8 @@ def _column(table: CsvTable, patterns: tuple[str, ...], option: str) -> str:
         matches = [name for name in table.header if re.search(pattern, name, re.IGNORECASE)]
         if len(matches) == 1:
             return matches[0]
-    raise LogError(
-        f"the column is ambiguous. {suggest_columns('', table.header, table.rows)}",
-        where=table.path,
-        mend=f"Name the column with {option}.",
-    )
+    text = f"the column is ambiguous. {suggest_columns('', table.header, table.rows)}"
+    raise LogError(text, where=table.path, mend=f"Name the column with {option}.")
 
 
 def _unit(table: CsvTable, column: str) -> str:
@@ -87,11 +84,8 @@ def _unit(table: CsvTable, column: str) -> str:
     for unit in sorted(THRUST_UNITS, key=len, reverse=True):
         if packed.endswith(unit.lower()) and packed != unit.lower():
             return unit
-    raise LogError(
-        f"the header of column {column!r} has no known unit of thrust.",
-        where=table.path,
-        mend=f"Give it with --unit, one of {', '.join(THRUST_UNITS)}.",
-    )
+    text = f"the header of column {column!r} has no known unit of thrust."
+    raise LogError(text, where=table.path, mend=f"Give it with --unit, one of {', '.join(THRUST_UNITS)}.")
 
 
 def fit_thrust_curve(command: FloatArray, thrust: FloatArray) -> ThrustCurveFit:

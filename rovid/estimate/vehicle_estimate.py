@@ -56,12 +56,9 @@ def estimated_model(vehicle: Vehicle, *, integrated: bool) -> CandidateModel:
     drag = turning if axis.angular else straight
     full = sum(abs(thruster.arm) * thruster.full_thrust for thruster in vehicle.thrusters)
     fast = math.sqrt(full / drag)
-    model = Model(
-        inertia=USUAL_INERTIA_RATIO * (rigid or math.nan),
-        quadratic_drag=(1.0 - _LINEAR_SHARE) * drag,
-        linear_drag=_LINEAR_SHARE * drag * fast,
-        axis=axis,
-    )
+    inertia = USUAL_INERTIA_RATIO * (rigid or math.nan)
+    quadratic_drag = (1.0 - _LINEAR_SHARE) * drag
+    model = Model(inertia=inertia, quadratic_drag=quadratic_drag, linear_drag=_LINEAR_SHARE * drag * fast, axis=axis)
     return CandidateModel(
         name="the estimate from mass and size",
         model=model,

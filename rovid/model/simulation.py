@@ -78,12 +78,9 @@ def fit_measures(measured: FloatArray, simulated: FloatArray) -> FitMeasures:
         return FitMeasures(samples=0, r2=np.nan, fit_percent=np.nan, rmse=np.nan)
     sse, sst = float(error @ error), float(np.sum((y - y.mean()) ** 2))
     ratio = sse / sst if sst > 0.0 else np.nan
-    return FitMeasures(
-        samples=int(known.sum()),
-        r2=1.0 - ratio,
-        fit_percent=100.0 * (1.0 - float(np.sqrt(ratio))),
-        rmse=float(np.sqrt(sse / len(error))),
-    )
+    fit_percent = 100.0 * (1.0 - float(np.sqrt(ratio)))
+    rmse = float(np.sqrt(sse / len(error)))
+    return FitMeasures(samples=int(known.sum()), r2=1.0 - ratio, fit_percent=fit_percent, rmse=rmse)
 
 
 def _simulate(run: Run, model: Model, torque_input: TorqueInput) -> TrialSimulation:

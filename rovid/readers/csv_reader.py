@@ -72,12 +72,9 @@ def read(path: Path, config: Config) -> RawLog:
             continue
         values = time if at == columns["time"] else frame[at].to_numpy(dtype=np.float64)
         channels[name] = Channel(source=signal.sources[KIND], clock=clock, time=time, values=values)
-    return RawLog(
-        channels=join_orientations(channels, mapped, KIND),
-        place=lambda _, row: f"line {table.line(row)}",
-        remarks=(*_cut_remarks(size - nul - end, nul), *skipped),
-        epoch=epoch,
-    )
+    channels = join_orientations(channels, mapped, KIND)
+    remarks = (*_cut_remarks(size - nul - end, nul), *skipped)
+    return RawLog(channels=channels, place=lambda _, row: f"line {table.line(row)}", remarks=remarks, epoch=epoch)
 
 
 def _read_columns(table: "_Table") -> tuple[pd.DataFrame, list[Remark]]:

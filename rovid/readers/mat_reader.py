@@ -60,12 +60,9 @@ def sources(path: Path) -> raw_log.LogContents:
     """The time, and every other vector or column of a matrix."""
     columns = _columns(path)
     clock = guess_clock(columns, [])
+    unreadable = () if columns else (f"{path}: holds no vectors; save tables, timetables and objects as structures.",)
     return raw_log.LogContents(
-        clock=clock,
-        sources=tuple(name for name in columns if name != clock),
-        unreadable=()
-        if columns
-        else (f"{path}: holds no vectors; save tables, timetables and objects as structures.",),
+        clock=clock, sources=tuple(name for name in columns if name != clock), unreadable=unreadable
     )
 
 

@@ -88,13 +88,8 @@ def read(path: Path, config: Config) -> RawLog:
             return log.place(name, index)
         return f"sentence {index + 1} of {channels[name].clock}"
 
-    return RawLog(
-        channels=channels,
-        place=place,
-        remarks=(*sentences.remarks, *log.remarks),
-        sortable=log.sortable,
-        companion_files=(companion,),
-    )
+    remarks = (*sentences.remarks, *log.remarks)
+    return RawLog(channels=channels, place=place, remarks=remarks, sortable=log.sortable, companion_files=(companion,))
 
 
 def sources(path: Path) -> LogContents:
@@ -134,11 +129,8 @@ class _Text:
         self.is_dated = True
         measuring = [address for address in self.cells if _kind(address) in _MEASURING]
         if not measuring:
-            raise LogError(
-                f"holds no sentence {', '.join(sorted(_MEASURING))}, but {self._contents}.",
-                where=path,
-                mend="Let the INS send HDT, or leave this log out.",
-            )
+            text = f"holds no sentence {', '.join(sorted(_MEASURING))}, but {self._contents}."
+            raise LogError(text, where=path, mend="Let the INS send HDT, or leave this log out.")
         stamped = any(map(any, self._prefixes.values()))
         times = self._prefix_times(measuring) if stamped else self._spread_times(measuring)
         known = [time for time in times.values() if np.isfinite(time).any()]

@@ -101,12 +101,8 @@ class Config:
             factor = ANGLE_UNITS[unit]
             signals[name] = Signal(name=name, sources={kind: source}, unit=unit, factor=factor, optional=optional)
         signals |= {name: signal.for_format(kind) for name, signal in self.signals.items()}
-        return replace(
-            self,
-            time=self.time.for_format(kind),
-            signals=signals,
-            commands=tuple(signal.for_format(kind) for signal in self.commands),
-        )
+        commands = tuple(signal.for_format(kind) for signal in self.commands)
+        return replace(self, time=self.time.for_format(kind), signals=signals, commands=commands)
 
     def mapped_signals(self, kind: str) -> dict[str, Signal]:
         """Every signal, except the time, that is mapped to logs of the format ``kind``."""
@@ -128,11 +124,8 @@ def find_config(paths: Sequence[Path]) -> Path:
     for candidate in (folder, *folder.parents):
         if (candidate / FILE_NAME).is_file() or special_kind(candidate / FILE_NAME):
             return candidate / FILE_NAME
-    raise NoConfigError(
-        f"no {FILE_NAME} here or in any folder above it; it maps columns to signals and describes the thrusters.",
-        where=paths[0],
-        mend="Run `rovid init LOGS`, which writes one from the logs.",
-    )
+    text = f"no {FILE_NAME} here or in any folder above it; it maps columns to signals and describes the thrusters."
+    raise NoConfigError(text, where=paths[0], mend="Run `rovid init LOGS`, which writes one from the logs.")
 
 
 def load_config(path: Path, axis: Axis = YAW) -> Config:

@@ -64,14 +64,10 @@ def steered(block: Mapping[str, Any], name: str, signals: Collection[str], parse
     size = parser.number(block.get(key, 1.0), f"{place} {key}", positive=wheels)
     if not size:
         raise parser.error(f"{place} {key}", "is 0; another number was expected.")
+    steering = Steering(speed=speed, size=size, wheels=wheels)
+    arm_guessed = key not in block or parser.is_guessed(block, key, place)
     return Thruster(
-        name=name,
-        arm=1.0,
-        curve=None,
-        scale_key=key,
-        steering=Steering(speed=speed, size=size, wheels=wheels),
-        is_rate_order=wheels,
-        arm_guessed=key not in block or parser.is_guessed(block, key, place),
+        name=name, arm=1.0, curve=None, scale_key=key, steering=steering, is_rate_order=wheels, arm_guessed=arm_guessed
     )
 
 

@@ -168,10 +168,9 @@ def _usable_trials(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remar
             rejected.append(trial.name)
     if not found:
         axis = trials[0].axis
-        raise DataError(
-            f"no actuator drives the vehicle in {axis.name} in these logs, and they hold no decaying swings.",
-            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm_key}.",
-        )
+        text = f"no actuator drives the vehicle in {axis.name} in these logs, and they hold no decaying swings."
+        mend = f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm_key}."
+        raise DataError(text, mend=mend)
     text = f"Only the free swings of these logs are used: {'; '.join(kept)}."
     remarks = [Remark(kind="released", count=len(kept), text=text)]
     if rejected:

@@ -54,13 +54,9 @@ class ZeroPhaseFilter:
         window = 1.0 + np.cos(np.pi * t / ((half + 1) * period))
         taps = np.sinc(2.0 * cutoff * t) * window
         taps /= taps.sum()
-        return cls(
-            period=period,
-            cutoff=cutoff,
-            value=np.pad(taps, len(_FIRST) // 2),
-            first=np.convolve(taps, _FIRST) / period,
-            second=np.convolve(taps, _SECOND) / period**2,
-        )
+        first = np.convolve(taps, _FIRST) / period
+        second = np.convolve(taps, _SECOND) / period**2
+        return cls(period=period, cutoff=cutoff, value=np.pad(taps, len(_FIRST) // 2), first=first, second=second)
 
     @property
     def half_width(self) -> float:
@@ -142,12 +138,11 @@ def compute_rates(trial: Trial, *, cutoff: float) -> Rates:
     grid = uniform_grid(trial)
     kernel = ZeroPhaseFilter.design(period=float(grid[1] - grid[0]), cutoff=cutoff)
     if len(grid) < len(kernel.value) + 2:
-        raise DataError(
+        text = (
             f"lasts {trial.duration:.1f} s, shorter than the filter, which takes "
-            f"{2 * kernel.half_width:.1f} s at a cut-off of {cutoff:.3g} Hz.",
-            where=trial.name,
-            mend="Raise --cutoff or leave the log out.",
+            f"{2 * kernel.half_width:.1f} s at a cut-off of {cutoff:.3g} Hz."
         )
+        raise DataError(text, where=trial.name, mend="Raise --cutoff or leave the log out.")
     angle = resample(trial, trial.body_position, grid)
     noise = white_noise(angle)
     rate, acceleration = kernel.rate(angle), kernel.acceleration(angle)
@@ -312,12 +307,11 @@ def _too_short(trials: Sequence[Trial]) -> DataError:
     where = first.name
     if len(trials) > 1:
         where += f" and {len(trials) - 1} more"
-    return DataError(
+    text = (
         f"no stretch of {name} is long enough to find its noise: {_MIN_SPECTRUM_SAMPLES + 2} readings without a gap "
-        "between them were expected.",
-        where=where,
-        mend="Record longer runs.",
+        "between them were expected."
     )
+    return DataError(text, where=where, mend="Record longer runs.")
 
 
 def power_spectral_density(part: FloatArray, length: int, period: float, *, about_mean: bool = False) -> FloatArray:

@@ -223,13 +223,8 @@ def _fit_sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycle
     variance = float(wave @ wave)
     if variance <= 0.0 or float(np.sum((basis @ coefficients) ** 2)) < _SINE_SHARE * variance:
         return None
-    return SineRun(
-        start=float(start),
-        stop=float(stop),
-        period=float(period),
-        cycles=cycles,
-        amplitude=float(np.ptp(torque[rows])) / 2.0,
-    )
+    amplitude = float(np.ptp(torque[rows])) / 2.0
+    return SineRun(start=float(start), stop=float(stop), period=float(period), cycles=cycles, amplitude=amplitude)
 
 
 def find_releases(trial: Trial) -> list[slice]:

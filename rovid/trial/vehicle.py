@@ -317,10 +317,9 @@ def _outside(trial: Trial, thruster: Thruster, curve: ThrustCurve, command: Floa
             "That is far outside: the command and the curve are of different units, or the value means no command. "
             "Give the curve in the unit of the command, or leave these samples out."
         )
-    return ConfigError(
+    text = (
         f"thruster {thruster.name!r} is commanded {command[at]:g} at {trial.time[at]:.2f} s "
         f"({count} samples in all), outside its bench curve, which ends at {low:g} and {high:g}; "
-        "the thrust there is not known.",
-        where=trial.name,
-        mend=mend,
+        "the thrust there is not known."
     )
+    return ConfigError(text, where=trial.name, mend=mend)
