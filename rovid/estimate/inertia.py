@@ -308,9 +308,8 @@ def table_drag(table: CsvTable, drag: Estimate | None) -> tuple[FloatArray, Floa
         elif drag is not None:
             columns.append(np.full(len(table.rows), drag.value(name)))
         else:
-            raise DataError(
-                f"no {name} is known.", where=table.path, mend="Run `rovid fit-drag` first, or add the column."
-            )
+            text = f"no {name} is known."
+            raise DataError(text, where=table.path, mend="Run `rovid fit-drag` first, or add the column.")
     return columns[0], columns[1]
 
 

@@ -222,9 +222,8 @@ def trials_of(table: Table, config: Config, run: str | None = None) -> list[Tria
     try:
         frame = table if isinstance(table, pd.DataFrame) else pd.DataFrame({**table})
     except ValueError as error:
-        raise ConfigError(
-            f"{error}.", where="data", mend="Give arrays of one length, one element an instant."
-        ) from None
+        text = f"{error}."
+        raise ConfigError(text, where="data", mend="Give arrays of one length, one element an instant.") from None
     if run is None:
         return [_trial(frame, config, "data")]
     _require_column(frame, run, "run")

@@ -133,9 +133,8 @@ def prepare_trials(
     shared = choose_cutoff(trials) if cutoff is None else cutoff
     highest = highest_cutoff(trials)
     if shared > highest * (1.0 + 1e-6):
-        raise ConfigError(
-            f"is {shared:g} Hz; at this sampling rate rates can be had up to {highest:.3g} Hz.", where="--cutoff"
-        )
+        text = f"is {shared:g} Hz; at this sampling rate rates can be had up to {highest:.3g} Hz."
+        raise ConfigError(text, where="--cutoff")
     runs = []
     for trial in trials:
         torque = vehicle.torque(trial)
