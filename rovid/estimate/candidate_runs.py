@@ -256,8 +256,13 @@ def design_run(worth: Callable[[CandidateRun], float], scales: RunScales, second
         return -worth(pattern_run(pattern, scales, duration))
 
     def search(start: FloatArray) -> FloatArray:
-        options = {"maxfev": _EVALUATIONS, "xtol": 0.05, "ftol": 0.01}
-        found = optimize.minimize(cost, start, method="Powell", bounds=optimize.Bounds(*bounds.T), options=options)
+        found = optimize.minimize(
+            cost,
+            start,
+            method="Powell",
+            bounds=optimize.Bounds(*bounds.T),
+            options={"maxfev": _EVALUATIONS, "xtol": 0.05, "ftol": 0.01},
+        )
         return np.asarray(np.clip(found.x, *bounds.T))
 
     ranked = sorted((np.clip(start, *bounds.T) for start in starts), key=cost)
