@@ -3,10 +3,11 @@
 import codecs
 import csv
 import re
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import zip_longest
+from itertools import accumulate, zip_longest
 from pathlib import Path
 from typing import IO, Self
 
@@ -153,6 +154,7 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
     if start < len(texts) and _has_spaced_numbers(texts[start]) and not _split(line, delimiter)[1:]:
         delimiter, line = SPACES, line.lstrip("#%/")
     titles = _split(line.lstrip("#") if _is_comment(line) else line, delimiter)
+    titles = _told_apart(titles, [_split(above, delimiter) for above in reversed(texts[:at])])
     units = [cell.strip("[]() -") for cell in _split(texts[units_at], delimiter)] if units_at is not None else []
     names = [f"{title} [{unit}]" if unit else title for title, unit in zip_longest(titles, units[: len(titles)])]
     before = [line for line in texts[:at] if line]
@@ -267,6 +269,21 @@ def _header_lines(lines: list[str], wanted: Collection[str], path: Path) -> tupl
         number = max(texts, key=lambda at: (known(lines[at]), named(at), at if width else -at))
     start = number + 1 if units is None else filled[first]
     return number, start, units
+
+
+def _told_apart(titles: list[str], above: Sequence[list[str]]) -> list[str]:
+    """``titles`` with the cells of the rows ``above`` in front where some repeat, the nearest row first.
+
+    Programs of motion capture name body, quantity and axis in a row each; a cell may span the empty ones after it.
+    """
+    for row in above:
+        repeated = {name for name, count in Counter(titles).items() if name and count > 1}
+        if not repeated:
+            break
+        cells = list(accumulate(row, lambda last, cell: cell or last))
+        if len(cells) == len(titles) and len({cells[at] for at, name in enumerate(titles) if name in repeated}) > 1:
+            titles = [f"{cell} {name}".strip() for cell, name in zip(cells, titles, strict=True)]
+    return titles
 
 
 def _has_spaced_numbers(line: str) -> bool:

@@ -17,11 +17,11 @@ import pandas as pd
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
-from rovid.readers.csv_dialect import MISSING, SPACES, Layout, last_whole_line, read_layout
+from rovid.readers.csv_dialect import MISSING, SPACES, Layout, is_datum, last_whole_line, read_layout
 from rovid.readers.notation import NOTATIONS, has_thousands, read_grouped
 from rovid.readers.orientation_columns import join_orientations, orientations, split_orientations
 from rovid.readers.raw_log import Channel, FilePart, LogContents, RawLog, required_signals, required_time
-from rovid.readers.timestamps import SPLIT, clock_parts, column_to_seconds, guess_clock, start_epoch
+from rovid.readers.timestamps import SPLIT, clock_parts, column_to_seconds, counts_rows, guess_clock, start_epoch
 from rovid.trial.axis import Signal
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
@@ -322,10 +322,15 @@ def sources(path: Path) -> LogContents:
             dated.append(name)
         else:
             texts.append(name)  # Perhaps a time of day.
+    if 2 * sum(map(is_datum, layout.names)) > len(layout.names):
+        text = "begins with numbers, where the names of the columns were expected."
+        raise LogError(text, where=path, mend="Put a row of names in front, with one for each column.")
     clock = guess_clock(numbers, dated, texts)
     if numbers and not clock:
-        text = "holds no column that could be the time: none only grows."
-        raise LogError(text, where=path, mend="Export the log with a column of times, or leave it out.")
+        text, mend = "none only grows", "Export the log with a column of times, or leave it out."
+        if counts := [name for name, values in numbers.items() if counts_rows(values)]:
+            text, mend = f"{counts[0]} counts rows", "Add a column of times: the count divided by the sampling rate."
+        raise LogError(f"holds no column that could be the time: {text}.", where=path, mend=mend)
     whole = orientations(tuple(numbers))
     parts = {name for each in whole.values() for name in each.values()}
     return LogContents(

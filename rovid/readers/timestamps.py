@@ -351,7 +351,8 @@ def guess_clock(numbers: Mapping[str, FloatArray], dated: Sequence[str], texts: 
     """The most likely time among columns of ``numbers``, of dates, and of ``texts``; empty if there is none.
 
     The order of preference: seconds in two columns; by name; dates and times of day; by name, where stamps
-    repeat or step back, which is a fault to report; the first column of numbers that does not count rows.
+    repeat or step back, which is a fault to report; the first column of numbers that does not count rows. A count
+    of rows without the name of a time, as the frame of a camera, is no time.
     """
     splits = [parts for name in numbers if (parts := clock_parts(name, numbers)) is not None]
     joined = [str(parts) for parts in splits if _is_split(parts, numbers)]
@@ -360,10 +361,10 @@ def guess_clock(numbers: Mapping[str, FloatArray], dated: Sequence[str], texts: 
     increasing = [*numeric, *dated, *texts]
     named = [name for name in increasing if name_words(name) & CLOCK_WORDS]
     likely = [name for name in named if _is_named_clock(name)]
-    uneven = [name for name in numeric if not _counts_rows(numbers[name])]
+    uneven = [name for name in numeric if not counts_rows(numbers[name])]
     plain = [name for name in likely or named if name in numbers or name in dated]
     faulty = [name for name, values in numbers.items() if _is_named_clock(name) and _mostly_grows(values)]
-    return next(iter(joined or plain or list(dated) or likely or named or faulty or uneven or numeric), "")
+    return next(iter(joined or plain or list(dated) or likely or named or faulty or uneven), "")
 
 
 def _is_named_clock(name: str) -> bool:
@@ -385,9 +386,10 @@ def _is_split(parts: ClockParts, numbers: Mapping[str, FloatArray]) -> bool:
     return time is not seconds and _is_increasing(time)
 
 
-def _counts_rows(values: FloatArray) -> bool:
+def counts_rows(values: FloatArray) -> bool:
+    """Whether numbers are whole and grow by 1."""
     known = values[np.isfinite(values)]
-    return bool(np.all(np.diff(known) == 1.0) and np.all(known == np.round(known)))
+    return known.size > 1 and bool(np.all(np.diff(known) == 1.0) and np.all(known == np.round(known)))
 
 
 def _is_increasing(values: FloatArray) -> bool:

@@ -281,7 +281,6 @@ def test_the_time_column_may_be_an_extra_too(tmp_path: Path) -> None:
         ("Frame,Horodatage,cap", "{k},2026-01-05T08:00:{k:02d}.000Z,{k}.5", "Horodatage"),
         ("n,stamp_a,cap", "{k},2026-01-05 08:00:{k:02d},{k}.5", "stamp_a"),
         ("Frame,x_s,cap", "{k},{k}.25,1.5", "x_s"),
-        ("Frame,cap", "{k},1.5", "Frame"),
     ],
 )
 def test_the_clock_is_told_by_what_stands_there(header: str, rows: str, clock: str, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import LogError
 from rovid.readers import read_campaign, read_log
 from rovid.readers.csv_reader import sources
 from rovid.trial.log_files import is_log
@@ -100,6 +101,34 @@ def test_a_quaternion_in_four_columns_gives_the_heading(names: tuple[str, ...], 
     assert sources(path).sources == ("fore_V", source)
     trial = read_log(path, config)
     np.testing.assert_allclose(trial.position - trial.position[0], np.radians(HEADING - HEADING[0]), atol=1e-7)
+
+
+def test_rows_above_tell_repeated_names_apart(tmp_path: Path) -> None:
+    body = {"time_s": TIME} | quaternion(np.radians(HEADING), tuple("XYZW")) | {" X": TIME, " Y": TIME, " Z": TIME}
+    head = "Format Version,1.23,Take Name,run\n\n,Rotation,,,,Position,,,Motor\n"
+    text = csv_text(body | {"fore_V": COMMAND}, form=".9f")
+    (tmp_path / "run.csv").write_text(head + text.replace(" ", ""))
+    config = campaign(tmp_path, toml(heading='heading = { csv = "Rotation" }', command='{ csv = "Motor fore_V" }'))
+    found = sources(tmp_path / "run.csv")
+    assert found.sources == ("Position X", "Position Y", "Position Z", "Motor fore_V", "Rotation")
+    trial = read_log(tmp_path / "run.csv", config)
+    np.testing.assert_allclose(trial.position - trial.position[0], np.radians(HEADING - HEADING[0]), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (
+            "Frame,yaw,cmd\n" + "".join(f"{at},{at % 7}.5,1\n" for at in range(40)),
+            "Frame counts rows. Add a column of times",
+        ),
+        ("".join(f"17145588{at},30000,imu_link,0.1,0.2\n" for at in range(10, 50)), "begins with numbers"),
+    ],
+)
+def test_a_count_and_a_row_of_numbers_are_no_time_and_no_names(text: str, reason: str, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text(text)
+    with pytest.raises(LogError, match=reason):
+        sources(tmp_path / "run.csv")
 
 
 def test_four_columns_of_another_vector_are_no_orientation(tmp_path: Path) -> None:
