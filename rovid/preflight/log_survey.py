@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.core.errors import DataError, RovidError, suggestion
+from rovid.core.errors import DataError, RovidError, shortened_list, suggestion
 from rovid.core.input_files import list_files, require_exists
 from rovid.core.output_files import CONFIG, OutputFile
 from rovid.core.output_files import GUESSED_CURVE as GUESSED
@@ -311,10 +311,13 @@ def _incomplete_logs(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> I
         turning = [command for command in mapping.commands if command.direction]
         mapped = [one.source for one in (*mapping.signals.values(), *(turning or mapping.commands))]
         mapped += [rudder.angle.source for rudder in mapping.rudders]
+        without: dict[str, list[str]] = {}
         for name, log in zip(read.names[kind], read.logs[kind], strict=True):
-            lacking = [source for source in mapped if source not in log]
-            if lacking:
-                yield f"{name}: holds no {', '.join(lacking)}; is it of another vehicle?"
+            if lacking := ", ".join(source for source in mapped if source not in log):
+                without.setdefault(lacking, []).append(name)
+        for lacking, names in without.items():
+            verbs = ("holds", "is it") if len(names) == 1 else ("hold", "are they")
+            yield f"{shortened_list(names)}: {verbs[0]} no {lacking}; {verbs[1]} of another vehicle?"
 
 
 def _thrust_curve(

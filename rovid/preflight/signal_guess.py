@@ -79,8 +79,9 @@ class ColumnMapping:
         return [signal.source for signal in self.signals.values()] + commands + angles
 
     def of(self, columns: Iterable[str]) -> Self:
-        """The mapping with the sources among ``columns`` that have no meaning."""
-        return replace(self, unused=tuple(source for source in columns if source not in self.sources))
+        """The mapping with the sources among ``columns`` that have no meaning, those named as a command first."""
+        unused = (source for source in columns if source not in self.sources)
+        return replace(self, unused=tuple(sorted(unused, key=lambda source: not name_words(source) & COMMAND)))
 
     @property
     def actuation(self) -> set[str]:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import accumulate, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 from typing import IO, Self
 
@@ -280,7 +280,9 @@ def _told_apart(titles: list[str], above: Sequence[list[str]]) -> list[str]:
         repeated = {name for name, count in Counter(titles).items() if name and count > 1}
         if not repeated:
             break
-        cells = list(accumulate(row, lambda last, cell: cell or last))
+        cells: list[str] = []
+        for cell in row:
+            cells.append(cell or "".join(cells[-1:]))
         if len(cells) == len(titles) and len({cells[at] for at, name in enumerate(titles) if name in repeated}) > 1:
             titles = [f"{cell} {name}".strip() for cell, name in zip(cells, titles, strict=True)]
     return titles

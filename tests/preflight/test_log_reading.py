@@ -90,3 +90,13 @@ def test_files_of_one_topic_form_trials(export: object, tmp_path: Path) -> None:
     drive, heading = turned(1)
     np.testing.assert_allclose(np.unwrap(trial.position[trial.measured]), heading, atol=2e-4)  # 4 decimals
     np.testing.assert_allclose(np.abs(trial.commands[-len(drive) // 2 :, 0]), np.abs(drive[-len(drive) // 2 :]))
+
+
+def test_the_same_gap_in_several_files_is_one_note(tmp_path: Path) -> None:
+    drive, heading = turned(1)
+    table = {"time_s": TIME, "yaw_deg": np.degrees(heading)}
+    for number in (1, 2):
+        (tmp_path / f"a{number}.csv").write_text(csv_text(table))
+    (tmp_path / "b.csv").write_text(csv_text(table | {"fore_cmd": drive}))
+    notes = [note for note in survey([tmp_path]).warnings if "another vehicle" in note]
+    assert notes == ["a1.csv, a2.csv: hold no fore_cmd; are they of another vehicle?"]
