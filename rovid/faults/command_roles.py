@@ -30,6 +30,8 @@ _EXPLAINED = 4.0
 _MOST = 0.25
 # Least residual variance over the torque's, and over the largest of the other logs, of a log whose command is missing.
 _MISSING, _ALONE = 0.1, 2.0
+# Faults after which the stamps of a log are uncertain.
+_UNTIMELY = {"repeated_stamps", "arrival_bursts"}
 # Passes in which the weights of the logs settle.
 _PASSES = 4
 # Squared torque of a thruster over that of a log, that determines a gain in one log: a tenth of the amplitude.
@@ -136,7 +138,8 @@ def _fitted(score: FloatArray, slope: FloatArray) -> FloatArray:
 
 def _missing(log: LogRegressors, logs: Sequence[LogRegressors], vehicle: Vehicle) -> str:
     """A clause on a command that is constant, or a copy of another one, in this log alone; empty without one."""
-    if log.is_cut:  # Hands may have moved the vehicle between its tests.
+    # Hands may have moved the vehicle between its tests, or its stamps are uncertain.
+    if log.is_cut or any(fault.fault in _UNTIMELY for run in log.runs for fault in run.trial.faults):
         return ""
     others = [other for other in logs if other is not log]
     names = [thruster.name for thruster in vehicle.thrusters]

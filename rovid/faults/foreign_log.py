@@ -7,7 +7,7 @@ hidden causes do to logs of another amplitude, pace or thruster. A log that belo
 level with scatter, and than a trend with amplitude, rate, pace, shape or time.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,7 +17,8 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.command_roles import Misfit, misassigned
-from rovid.faults.common_drive import common_drive
+from rovid.faults.common_drive import common_drive, least_unexplained, unexplained
+from rovid.faults.common_torque import replaces_groups, with_common_torque
 from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
@@ -45,6 +46,8 @@ _GUESSED = "Or the guessed thrust curve is wrong at its thrust. The log was kept
 _LESS = 0.5
 # A drive that the other logs do not contradict.
 _DRIVEN = "Or {} acts in all logs: the others agree with that as well. The log was kept."
+# Two kinds of logs in equal numbers; share of the residual that a model of one kind leaves: a tenth of the variance.
+_NO_MAJORITY, _OWN = "Or the others are foreign: neither kind is a majority. No log was set aside.", 0.32
 # Standard error as a share of the deviation, from which its size is unknown: a third leaves one digit. Decision.
 _UNSIZED = 1.0 / 3.0
 # Probability of a deviation, or of residuals, with which a log that was foreign does not return. Convention.
@@ -102,11 +105,16 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         foreign = [log for log in foreign if log.name not in kept]
         if not foreign:
             break
-        drive = common_drive(rest.runs, data.vehicle, model, {log.name for log in foreign} - opposite)
-        if drive is not None:
-            kept |= {log.name for log in foreign if _belongs(log, drive.model)} - opposite
+        alike = [log for log in foreign if log.name not in opposite]
+        names = {log.name for log in alike}
+        if belong := {log for log in names if _has_common_torque(log, names, rest, model)}:
+            kept, drive = kept | belong, None
+        elif drive := common_drive(rest.runs, data.vehicle, model, names) if alike else None:
+            kept |= _belonging(alike, drive.model)
         odd += sum(log.name not in opposite | kept for log in foreign)
         if 2 * odd >= count:
+            divided = [*_without_majority([log for log in alike if log.name not in kept], rest, model)]
+            found, model = found + divided, None if divided else model
             break
         for log in foreign:
             if log.name not in kept:
@@ -117,8 +125,10 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         model = fit_quick_model(rest.runs, data.vehicle)
     yield from found
     groups = [] if model is None or data.vehicle.planar else significant_groups(model)
-    if groups:
-        yield _two_payloads(max(groups, key=lambda each: each.ratio))
+    if model is not None and groups:
+        best = max(groups, key=lambda each: each.ratio)
+        if not replaces_groups(rest.runs, data.vehicle, model, (best.high, best.low), significant_groups):
+            yield _two_payloads(best)
 
 
 def _is_foreign(log: LogMoments, count: int) -> bool:
@@ -126,10 +136,20 @@ def _is_foreign(log: LogMoments, count: int) -> bool:
     return count * log.chance < _LEVEL and bool(sizes.max() > _MIN_DEVIATION)
 
 
-def _belongs(log: LogMoments, model: QuickModel) -> bool:
-    """Whether a foreign log deviates by far less from another ``model`` of all logs, and not significantly."""
-    own = next(each for each in model.logs if each.name == log.name)
-    return _is_less(own, log) and not _is_foreign(own, len(model.logs))
+def _belonging(logs: Sequence[LogMoments], model: QuickModel) -> set[str]:
+    """Names of foreign ``logs`` that deviate by far less from another ``model`` of all, and not significantly."""
+    pairs = [(log, own) for log in logs for own in model.logs if own.name == log.name]
+    return {log.name for log, own in pairs if _is_less(own, log) and not _is_foreign(own, len(model.logs))}
+
+
+def _has_common_torque(log: str, foreign: Collection[str], data: RunsData, model: QuickModel) -> bool:
+    """Whether a ``log`` belongs to those that are not ``foreign`` by a torque of the sizes that these show."""
+    others, vehicle = [run for run in data.runs if log_name(run) not in foreign], data.vehicle
+    runs = [*others, *(run for run in data.runs if log_name(run) == log)]
+    plain, most = fit_quick_model(others, vehicle), _LESS * unexplained(model, {log})
+    every = with_common_torque(runs, plain) if plain else ()
+    likely = (acting for acting in every if least_unexplained(acting, vehicle, model, {log}) < most)
+    return any(belonging(log, runs, acting, vehicle) for acting in likely)
 
 
 def _is_less(own: LogMoments, before: LogMoments) -> bool:
@@ -158,6 +178,17 @@ def belonging(log: str, plain: Sequence[Run], acting: Sequence[Run], vehicle: Ve
     is_less = own.log_residual < first.log_residual + 0.5 * np.log(_LESS) and _is_less(own, first)
     is_same = own.chance > _UNUSUAL and np.min(np.abs(own.deviation) + 2.0 * own.standard_errors) < _EXCLUDED
     return bool(is_less and is_same and own.log_residual < np.mean(others) + reach)
+
+
+def _without_majority(
+    foreign: Sequence[LogMoments], data: RunsData, model: QuickModel
+) -> Iterator[Detection[RunsData]]:
+    """Foreign logs that are as many as the others, if a model of their own explains them."""
+    before = {log.name: log.misfit for log in foreign}
+    own = fit_quick_model([run for run in data.runs if log_name(run) in before], data.vehicle)
+    if own and len(own.logs) == len(before) and all(log.misfit < _OWN * before[log.name] for log in own.logs):
+        for log in foreign:
+            yield _doubtful(_foreign(log, len(model.logs), data.vehicle), _NO_MAJORITY)
 
 
 def _foreign(log: LogMoments, count: int, vehicle: Vehicle) -> Detection[RunsData]:

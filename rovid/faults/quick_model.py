@@ -96,7 +96,7 @@ class LogRegressors:
     """Regressors and instruments of a log, which may be in parts, without their means."""
 
     def __init__(self, name: str, runs: Sequence[Run], vehicle: Vehicle, tau: float, scale: float) -> None:
-        self.name, self.start, self._runs = name, runs[0].trial.campaign_time, runs
+        self.name, self.start, self.runs = name, runs[0].trial.campaign_time, runs
         parts = [_regressors(run, vehicle, tau, scale) for run in runs]
         #: (n, 3), (n, 3), (n, 3) torques of other shapes, (n,), (n, k) torque of each thruster with its mean.
         self.x, self.z, self.shapes, self.torque, self.single = map(np.concatenate, zip(*parts, strict=True))
@@ -111,7 +111,7 @@ class LogRegressors:
     def of_heading(self) -> FloatArray:
         """(n, 5) shapes of a torque of the heading, less their means: two harmonics, and the angle since the start."""
         parts = []
-        for run in self._runs:
+        for run in self.runs:
             # Where the position is absent, a logged rate may be known.
             time, known, angle = run.rates.time, np.isfinite(run.rates.position), np.zeros(int(run.valid.sum()))
             if known.any():
@@ -123,11 +123,11 @@ class LogRegressors:
     @cached_property
     def time(self) -> FloatArray:
         """(n,) s from the beginning of the log's first part."""
-        return np.concatenate([run.rates.time[run.valid] + run.trial.campaign_time - self.start for run in self._runs])
+        return np.concatenate([run.rates.time[run.valid] + run.trial.campaign_time - self.start for run in self.runs])
 
     def centred(self, values: FloatArray) -> FloatArray:
         """(n,) or (n, k) ``values`` without their mean in each part of the log, as the regressors are."""
-        ends = np.cumsum([int(run.valid.sum()) for run in self._runs])[:-1]
+        ends = np.cumsum([int(run.valid.sum()) for run in self.runs])[:-1]
         return np.concatenate([part - part.mean(axis=0) for part in np.split(values, ends)])
 
     @cached_property
@@ -142,19 +142,19 @@ class LogRegressors:
     @property
     def is_cut(self) -> bool:
         """Whether the log is in parts, because of another fault."""
-        return len(self._runs) > 1
+        return len(self.runs) > 1
 
     @property
     def commands(self) -> FloatArray:
         """(m, k) commands at the log's own instants."""
-        return np.concatenate([run.trial.commands for run in self._runs])
+        return np.concatenate([run.trial.commands for run in self.runs])
 
     def torque_by(self, thruster: Thruster, at: int) -> FloatArray:
         """(n,) torque of ``thruster`` with the command number ``at``."""
         return np.concatenate(
             [
                 run.rates.filter_held(run.trial, thruster.torque(run.trial.commands[:, at]))[run.valid]
-                for run in self._runs
+                for run in self.runs
             ]
         )
 
@@ -196,7 +196,7 @@ def fit_quick_model(runs: Sequence[Run], vehicle: Vehicle) -> QuickModel | None:
     return _fitted(tuple(runs), vehicle)
 
 
-@lru_cache(maxsize=1)  # Several kinds of faults examine the same runs one after another.
+@lru_cache(maxsize=2)  # Several kinds of faults examine the same runs, or compare them with changed ones.
 def _fitted(runs: tuple[Run, ...], vehicle: Vehicle) -> QuickModel | None:
     parts = log_parts([run for run in runs if int(run.valid.sum()) >= _MIN_SAMPLES])
     # A constant torque says nothing on the inertia, and in the regression, which has a trim, nothing on the drag.

@@ -62,8 +62,9 @@ def _is_bound(data: SignalData, clipped: BoolArray) -> bool:
     begins, ends = edges[::2], edges[1::2]
     runs = ends - begins
     outside = ~(clipped[1:] & clipped[:-1])
-    if len(runs) > 1:  # The sensor may be clipped on the other side, too, where it repeats the other extreme.
-        extremes = (data.values.max(), data.values.min())
+    extremes = (data.values.max(), data.values.min())
+    # The sensor may be clipped on the other side, too, where it repeats the other extreme.
+    if len(runs) > 1 or sum(extremes) == 0.0:
         outside &= ~((steps == 0.0) & np.isin(data.values[1:], extremes))
     if np.mean(steps[outside] == 0.0) > _MAX_REPEATS:
         return False  # A coarse sensor, or one without noise, repeats its values at rest.

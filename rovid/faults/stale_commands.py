@@ -73,7 +73,7 @@ def _detect(data: CommandData) -> Iterator[Detection[CommandData]]:
 def _silences(time: FloatArray, values: FloatArray, data: CommandData) -> tuple[float, list[tuple[float, float]]]:
     """Usual interval in s, and (begin, end) in s of each silence of commands that are published regularly."""
     intervals = np.diff(time)
-    usual, upper, longest = np.percentile(intervals, (50.0, 90.0, 99.0)).tolist()
+    usual, upper, longest = np.percentile(intervals, (50.0, 90.0, 99.0), method="lower").tolist()
     if upper > _REGULAR * usual:
         return usual, []
     limit = max(_SILENT_INTERVALS * usual, _SILENT_RATIO * longest)

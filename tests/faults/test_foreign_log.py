@@ -312,3 +312,39 @@ def test_a_size_that_no_vehicle_has_is_not_printed(factor: float, error: float, 
     assert text in fault.text
     assert (fault.size is not None, fault.standard_error is not None) == (is_sized, is_sized)
     assert fault.may_be_explained == (factor > -1.0)
+
+
+def one_way_day(ratio: float, foreign: str = "") -> list[Run]:
+    """Logs in both directions and one to port alone, with ``ratio`` times the drag to port; one may be ``foreign``."""
+    rng, time, runs = np.random.default_rng(8), clock(60.0, 10.0), list[Run]()
+    logs = {f"sine_{period}.csv": np.sin(2.0 * np.pi * time / period) for period in (6, 9, 12, 15, 20)}
+    logs["port.csv"] = -rng.uniform(0.2, 1.0, 16)[(time // 4.0).astype(int)]
+    for name, ordered in logs.items():
+        vehicle = scaled(SMALL, 3.0 if name == foreign else 1.0, 1.0)
+        rate, extra = 0.0, np.zeros(len(time))
+        for at, torque in enumerate(ordered):
+            drag = (vehicle.quadratic_drag * abs(rate) + vehicle.linear_drag) * rate
+            extra[at] = (1.0 - ratio) * drag if rate < 0.0 else 0.0
+            for _ in range(10):
+                rate += 0.01 * (torque + extra[at] - drag) / vehicle.inertia
+        disturbance = extra + gauss_markov(len(time), 0.1, 0.01, 2.0, rng)
+        noise = rng.normal(0.0, 1e-4, len(time))
+        one = run(time, ordered, vehicle, cutoff=0.8, disturbance=disturbance, noise=noise)
+        runs.append(replace(one, trial=replace(one.trial, name=name)))
+    return runs
+
+
+def test_a_log_in_the_one_direction_of_more_drag_is_no_foreign_log() -> None:
+    assert found(one_way_day(4.0))[1] == ()
+    (fault,) = found(one_way_day(2.5, "sine_12.csv"))[1]
+    assert fault.logs == ("sine_12.csv",)
+
+
+def test_two_kinds_of_logs_without_a_majority_are_named_and_kept() -> None:
+    names = ["random.csv", "steps.csv"]
+    whole = day("large", 1, dict.fromkeys(names, scaled(model("large"), 3.6, 3.0)), disturbance=0.005)
+    runs = [run for run in whole if run.trial.name in {*names, "sine_0.csv", "sine_1.csv"}]
+    kept, faults = found(runs)
+    assert sorted(log for fault in faults for log in fault.logs) == names
+    assert len(kept) == len(runs)
+    assert all("neither kind is a majority" in fault.text for fault in faults)

@@ -53,3 +53,11 @@ def test_a_frozen_sensor_is_not_clipped(tmp_path: Path) -> None:
     heading = drive.heading - drive.heading.min() + 10.0
     heading[300:340] = heading[300]
     assert not found(drive.trial(tmp_path, heading=heading), "saturated_sensor")
+
+
+def test_a_rate_clipped_once_on_each_side_at_the_same_limit_is_left_out() -> None:
+    """A turn to starboard and a turn to port: half of the readings repeat the one before."""
+    time: FloatArray = np.linspace(0.0, 59.95, 1200)
+    rate = 2.0 * np.sin(time * 2.0 * np.pi / 60.0) + np.random.default_rng(4).normal(0.0, 0.01, 1200)
+    data = SignalData(log="a", name="yaw rate", time=time, values=rate.clip(-0.9, 0.9), period=np.inf, unit="rad/s")
+    assert [detection.fault.size for detection in DETECTORS["signal"][0](data)] == [0.9, -0.9]

@@ -47,6 +47,14 @@ def test_a_silence_in_between() -> None:
     assert not list(DETECTORS["command"][0](data(time, np.where(time % 8.0 < 4.0, 2.0, -2.0), pause)))
 
 
+def test_a_silence_in_a_short_log_is_no_usual_interval() -> None:
+    """Of 60 intervals one in a hundred is none."""
+    time = 0.4 * np.arange(70.0)
+    time = time[(time < 8.5) | (time > 12.7)]
+    (detection,) = DETECTORS["command"][0](data(time, np.sin(0.5 * time) + 2.0, np.arange(0.0, 27.6, 0.2)))
+    assert detection.fault.size == pytest.approx(4.4)
+
+
 def only_changes(values: FloatArray) -> CommandData:
     time: FloatArray = np.linspace(0.0, 0.1 * (len(values) - 1), len(values))
     kept = np.diff(values, prepend=np.nan) != 0.0
