@@ -32,7 +32,9 @@ _DEVIATIONS, _HARMONICS = (1.0, 2.0, 3.0), (1.0, 2.0)
 
 def with_common_torque(runs: Sequence[Run], plain: QuickModel) -> Iterator[list[Run]]:
     """``runs`` with each torque in turn, of the sizes that the logs of the ``plain`` model show."""
-    for torques in (*_OF_MOTION, *(partial(each, times=times) for each in _OF_TIME for times in _MEMORIES)):
+    every: list[_Torques] = [*_OF_MOTION]
+    every += [partial(each, times=times) for each in (_memory, _swirl, _sag) for times in _MEMORIES]
+    for torques in every:
         slope, score = np.zeros(()), np.zeros(())
         for log in plain.regressors:
             each = [torques(run, plain)[run.valid] for run in log.runs]
@@ -77,7 +79,7 @@ def _directions(run: Run, model: QuickModel) -> FloatArray:
 
 def _friction(run: Run, _: QuickModel) -> FloatArray:
     rate = _rate(run)
-    return -np.tanh(rate / (_SIGN_WIDTH * np.sqrt(np.mean(rate**2)).clip(1e-300)))[:, None]
+    return np.asarray(-np.tanh(rate / (_SIGN_WIDTH * np.sqrt(np.mean(rate**2)).clip(1e-300)))[:, None])
 
 
 def _cubic(run: Run, _: QuickModel) -> FloatArray:
@@ -138,4 +140,3 @@ def _held(run: Run, values: FloatArray) -> FloatArray:
 
 
 _OF_MOTION: tuple[_Torques, ...] = (_directions, _friction, _cubic, _thrust, _heading, _deviation)
-_OF_TIME = _memory, _swirl, _sag
