@@ -12,6 +12,7 @@ import numpy as np
 
 from rovid.core.array_types import ComplexArray, FloatArray, IntArray
 from rovid.core.errors import DataError
+from rovid.core.stats import f_sf
 from rovid.estimate.estimate import Estimate
 from rovid.model.model import Model
 from rovid.trial.axis import Axis
@@ -27,8 +28,8 @@ _LEAST_GAIN = 0.25
 _PHASES = 720
 # First cycles of a run that are dropped as transient, and simulated cycles until the motion is periodic.
 _DROPPED_CYCLES, _SETTLED_CYCLES = 1, 20
-# Largest ratio (Birge) of the variance between runs to that within at which the runs share one inertia.
-_BIRGE_LIMIT = 5.0
+# p-value of the variance between runs over that within (F test) below which the runs share no inertia; a decision.
+_DISAGREE = 1e-3
 # Samples in each period of a simulated swing, and number of simulated periods.
 _SAMPLES, _PERIODS = 400, 2
 # Difference step for error propagation, as a share of a parameter's standard error.
@@ -204,7 +205,7 @@ def _combine(trials: Sequence[SineTrial], measure: Callable[[PeriodicMotion], tu
     consistent = None
     if len(trials) > 1:
         ratio = float(np.sum(((values - value) / errors) ** 2)) / (len(trials) - 1)
-        consistent = ratio < _BIRGE_LIMIT
+        consistent = f_sf(len(trials) - 1, float(dof.sum()), ratio) > _DISAGREE
         error *= math.sqrt(max(ratio, 1.0))
     sources = [trial.source for trial in trials]
     runs = zip(sources, values.tolist(), errors.tolist(), strict=True)

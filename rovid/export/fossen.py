@@ -89,6 +89,7 @@ def export_module(subject: ExportInput) -> ExportResult:
         arms_text="Yaw arm in m",
         arms="arms",
         arm="arm",
+        end="-1 if arm >= 0.0 else 0",  # All thrusters turn the vehicle the same way.
         force="torque",
         numbers=_TEXTS["numbers"].format(
             inertia=model.inertia, quadratic_drag=model.quadratic_drag, linear_drag=model.linear_drag
@@ -141,6 +142,7 @@ def export_planar_module(subject: PlanarInput) -> ExportResult:
         arms_text="Levers ahead, to starboard and in turn",
         arms="levers",
         arm="levers",
+        end="-1",
         force="tau",
         numbers=_TEXTS["planar_numbers"].format(
             mass=subject.model.mass_matrix.tolist(),

@@ -212,7 +212,8 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
             "directions depend on them."
         )
         yield Advice(kind="holds", text=text)
-    periods = _count_levels([sine.period for sine in sines if sine.cycles >= _CYCLES])
+    # A run's first cycle, and the last one without a torque after it, are not counted in `SineRun`.
+    periods = _count_levels([sine.period for sine in sines if sine.cycles >= _CYCLES - 2])
     if periods + sum(map(_may_hold_a_sine, log_parts(runs).values())) < _SINES:
         longest = "that of its own swing" if axis.self_righting else "ten vehicle time constants long"
         text = (

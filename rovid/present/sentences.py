@@ -141,6 +141,8 @@ def comparison_sentences(comparison: Comparison) -> Iterator[str]:
     if comparison.transient_causes:
         causes = join_words([effect_named(name).title for name in comparison.transient_causes])
         yield f"Causes of a single campaign, which vary from day to day: {causes}."
+    if "inertia" not in comparison.changes.pair.names:
+        return  # Free decays have no thrust.
     yield (
         f"{comparison.a.axis.name.capitalize()} data never show {UNIDENTIFIABLE[THRUST_SCALE]}. If inertia and drag "
         "change by one factor, less thrust and a larger vehicle look the same. Their ratios do not depend on thrust."

@@ -468,6 +468,10 @@ def test_the_python_class_in_a_main_loop(keys: tuple[str, ...], fitted: Path, tm
     vehicle = space["RovidVehicle"]()
     assert len(vehicle.stepInput(0.0)) == vehicle.dimU == len(vehicle.controls)
     assert {"L", "name", "controlMode", "controlDescription"} <= set(vars(vehicle))
+    opposed = space["RovidVehicle"]()
+    opposed.thrusters = [(arm * sign, *rest) for sign, (arm, *rest) in zip((1.0, -1.0), opposed.thrusters, strict=True)]
+    ahead, astern = opposed.stepInput(20.0)  # Both turn the vehicle the same way.
+    assert ahead > 0.0 > astern
     step, rates = 0.02, []
     eta, nu, actual = np.zeros(6), vehicle.nu, vehicle.u_actual
     for command in COMMANDS:

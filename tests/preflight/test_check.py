@@ -38,6 +38,16 @@ def test_holds_sines_and_samples_are_counted(tmp_path: Path) -> None:
     assert low < 0.0 < high
 
 
+def test_sines_of_the_requested_length_are_not_requested_again(tmp_path: Path) -> None:
+    """The first and the last cycle of a run of five are not steady."""
+    settings = config(tmp_path, "hold_03.csv", "sine_40s_a.csv", "sine_80s.csv")
+    for name, period in (("sine_40s_a.csv", 40.0), ("sine_80s.csv", 80.0)):
+        log = pd.read_csv(tmp_path / name)
+        begin = log["time_s"][log["fore_V"].abs() > 0.1].min()
+        log[log["time_s"] < begin + 5.0 * period].to_csv(tmp_path / name, index=False)
+    assert "sines" not in {one.kind for one in check_logs([tmp_path], settings).advice}
+
+
 def test_sines_with_lost_rows_are_not_requested_again(tmp_path: Path) -> None:
     """Lost rows cut a sine in pieces."""
     settings, rng = config(tmp_path, "hold_03.csv", "sine_40s_a.csv", "sine_80s.csv"), np.random.default_rng(2)
