@@ -110,19 +110,14 @@ def _distinct(names: Sequence[str], taken: Collection[str]) -> list[str]:
         start = candidate = name[:_MAX_LENGTH]
         if candidate in used:
             # All numbers up to the last one of this name are used.
-            candidate, last_number[start] = _numbered(start, last_number.get(start, 1), reserved)
+            number = last_number.get(start, 1) + 1
+            while (candidate := f"{start[: _MAX_LENGTH - len(str(number)) - 1]}_{number}") in reserved:
+                number += 1
+            last_number[start] = number
         used.add(candidate)
         reserved.add(candidate)
         result.append(candidate)
     return result
-
-
-def _numbered(start: str, last: int, reserved: Collection[str]) -> tuple[str, int]:
-    """``start`` with the first number above ``last`` that makes a new name, and that number."""
-    number = last + 1
-    while (candidate := f"{start[: _MAX_LENGTH - len(str(number)) - 1]}_{number}") in reserved:
-        number += 1
-    return candidate, number
 
 
 def to_json(document: Any) -> str:

@@ -168,7 +168,9 @@ def locked(folders: Iterable[Path]) -> Iterator[None]:
             for folder in sorted(wanted):
                 stack.enter_context(_folder_lock(folder))
             # An interrupted set may have files in further folders.
-            further = {other for folder in wanted for other in _interrupted_in(folder)} - wanted
+            interrupted = [_read_journal(journal) for folder in wanted for journal in _journals(folder)]
+            places = {journal.parent for one in interrupted for journal in one.journals}
+            further = set(filter(Path.is_dir, places)) - wanted
             if not further:
                 for folder in wanted:
                     _recover_locked(folder)
@@ -210,12 +212,6 @@ def _folder_lock(folder: Path) -> Iterator[None]:
 
 def _journals(folder: Path) -> list[Path]:
     return list(folder.glob(f"{_PREFIX}*{_JOURNAL_SUFFIX}"))
-
-
-def _interrupted_in(folder: Path) -> set[Path]:
-    """All folders of the interrupted sets that have a journal in ``folder``."""
-    found = map(_read_journal, _journals(folder))
-    return {path.parent for one in found for path in one.journals if path.parent.is_dir()}
 
 
 def _recover_locked(folder: Path) -> None:

@@ -219,12 +219,6 @@ def _mean_speed(_: FloatArray, logged: FloatArray, default: float) -> FloatArray
     return np.asarray(0.5 * (known + np.append(known[1:], known[-1])))
 
 
-def _subdivided_time(time: FloatArray, counts: IntArray) -> FloatArray:
-    first = np.repeat(np.cumsum(counts) - counts, counts)
-    part = (np.arange(len(first)) - first) / np.repeat(counts, counts)
-    return np.asarray(np.repeat(time, counts) + part * np.repeat(np.diff(time, append=time[-1]), counts))
-
-
 def actuator_inputs(
     vehicle: Vehicle,
     trial: Trial,
@@ -252,9 +246,13 @@ def actuator_inputs(
         is_speed = at is not None and channel in SPEEDS
         chosen = rows.with_past(values[at]) if is_speed else rows.held_means(values)
         extras[channel] = np.repeat(chosen, counts)
+    if subdivision > 1:
+        first = np.repeat(np.cumsum(counts) - counts, counts)
+        part = (np.arange(len(first)) - first) / np.repeat(counts, counts)
+        time = np.repeat(time, counts) + part * np.repeat(np.diff(time, append=time[-1]), counts)
     return replace(
         _vehicle_inputs(vehicle),
-        time=time if subdivision == 1 else _subdivided_time(time, counts),
+        time=time,
         extras=extras,
         reference=trial.reference,
         trials=(rows,),

@@ -156,7 +156,10 @@ def forms_for(
         if not vehicle.thrusters and (effect.changes_torque_input or effect.uses_wash):
             continue
         if effect.per_thruster:
-            found += _thruster_forms(vehicle)
+            names = [thruster.name for thruster in vehicle.thrusters if thruster.curve is not None]
+            # A single thruster only scales all torque, which yaw data do not determine.
+            for name in names if len(names) > 1 else ():
+                found += [thruster_imbalance.for_thruster(name + suffix) for suffix in thruster_imbalance.SUFFIXES]
             continue
         estimated = isinstance(effect.acts, Term) and effect.acts.surge_from_thrust is not None
         needs_estimate = estimated and not effect.needs
@@ -169,14 +172,6 @@ def forms_for(
         forms = [make(repeated) for make in _PER_TRIAL.values()]
         found += [effect for effect in forms if not effect.axes or vehicle.axis.name in effect.axes]
     return tuple(effect for effect in found if trials or not effect.instants)
-
-
-def _thruster_forms(vehicle: Vehicle) -> list[Effect]:
-    names = [thruster.name for thruster in vehicle.thrusters if thruster.curve is not None]
-    if len(names) < 2:
-        # A single thruster only scales all torque, which yaw data do not determine.
-        return []
-    return [thruster_imbalance.for_thruster(name + suffix) for name in names for suffix in thruster_imbalance.SUFFIXES]
 
 
 def effect_named(name: str) -> Effect:

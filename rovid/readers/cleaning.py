@@ -307,7 +307,9 @@ def _unwrap(samples: _Samples, remarks: list[Remark]) -> FloatArray:
     limit = gap_limit(intervals)
     gaps = np.flatnonzero(intervals > limit)
     angle, uncertain = samples.angle, 0
-    if np.isfinite(samples.kind.turn) and not _is_unwrapped(samples, gaps):
+    # A log that is unwrapped already exceeds a turn, and steps by half a turn only in gaps.
+    is_wrapped = np.ptp(angle) <= TURN + _DEG or bool(np.setdiff1d(samples.wraps, gaps).size)
+    if np.isfinite(samples.kind.turn) and (samples.wraps.size or gaps.size) and is_wrapped:
         angle = _add_turns(angle, samples.wraps, -np.rint(samples.steps[samples.wraps] / TURN))
         if gaps.size:
             turns, uncertain = _turns_in_gaps(samples.time, angle, gaps)
@@ -316,13 +318,6 @@ def _unwrap(samples: _Samples, remarks: list[Remark]) -> FloatArray:
         text = f"The number of whole turns in {uncertain} gaps of the {samples.name} is not certain."
         remarks.append(Remark(kind="gap", count=uncertain, text=text))
     return angle
-
-
-def _is_unwrapped(samples: _Samples, gaps: IntArray) -> bool:
-    """Whether the log is unwrapped already: it exceeds a turn, and steps by half a turn only in gaps."""
-    if not samples.wraps.size and not gaps.size:
-        return True
-    return bool(np.ptp(samples.angle) > TURN + _DEG) and not np.setdiff1d(samples.wraps, gaps).size
 
 
 def _add_turns(angle: FloatArray, steps: IntArray, turns: FloatArray) -> FloatArray:

@@ -102,13 +102,13 @@ def stamp_getter(message: Any, *, mapping: bool, clock: tuple[str, ...] = ()) ->
 
 def listed_fields(message: Any) -> str:
     """Paths of the first fields of ``message``, for error messages."""
-    return ", ".join(name for name, _ in _first_fields(message, _MAX_LISTED)) or "none"
+    return ", ".join(name for name, _ in islice(_fields(message), _MAX_LISTED)) or "none"
 
 
 def numeric_fields(message: Any, topic: str, *, stamps: bool = False) -> Iterator[str]:
     """Sources of every number and orientation in ``message``, without time stamps unless ``stamps``."""
     topic = topic and f"{topic}."
-    for name, value in _first_fields(message, _MAX_FIELDS):
+    for name, value in islice(_fields(message), _MAX_FIELDS):
         *parents, last = name.split(".")
         if _STAMP_NAMES & {*parents, last} and not stamps:
             continue
@@ -129,12 +129,8 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
-def _first_fields(message: Any, count: int) -> Iterator[tuple[str, Any]]:
-    """(path, value) of the first ``count`` fields of ``message``."""
-    return islice(_fields(message, "", depth=3), count)
-
-
-def _fields(value: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
+def _fields(value: Any, prefix: str = "", depth: int = 3) -> Iterator[tuple[str, Any]]:
+    """(path, value) of each field."""
     members = _members(value) if depth else {}
     if not members and prefix:
         yield prefix[1:], value

@@ -200,8 +200,13 @@ def join(document: Mapping[str, Any], parser: ConfigValues) -> Join | None:
     for part, value in times.items():
         signal = parser.signal("time", value, f"[join] time {part}")
         clocks[part] = next(iter(signal.sources.values()), ""), signal.unit
-    offset, drift = (_clock_corrections(table, key, parts, parser) for key in ("offset", "drift"))
-    return Join(parts=tuple(parts), offset=offset, drift=drift, time=clocks)
+    corrections: dict[str, dict[str, float]] = {}
+    for key in ("offset", "drift"):
+        # By part, or by file name or pattern, which has a dot, a star or a slash in it.
+        entries = parser.table(table, key)
+        parser.require_known([name for name in entries if not {".", "*", "/"} & set(name)], parts, f"[join] {key}")
+        corrections[key] = {name: parser.number(value, f"[join] {key} {name}") for name, value in entries.items()}
+    return Join(parts=tuple(parts), time=clocks, **corrections)
 
 
 def kept_faults(document: Mapping[str, Any], parser: ConfigValues) -> FaultOverrides:
@@ -215,12 +220,3 @@ def kept_faults(document: Mapping[str, Any], parser: ConfigValues) -> FaultOverr
             raise parser.error(f"[faults] {fault}", f'is {value!r}; "keep" or a list of logs was expected.')
         kept[fault] = tuple(logs)
     return FaultOverrides(kept=kept)
-
-
-def _clock_corrections(
-    table: Mapping[str, Any], key: str, parts: Sequence[str], parser: ConfigValues
-) -> dict[str, float]:
-    """Numbers by part, or by file name or pattern, which has a dot, a star or a slash in it."""
-    entries = parser.table(table, key)
-    parser.require_known([name for name in entries if not {".", "*", "/"} & set(name)], parts, f"[join] {key}")
-    return {name: parser.number(value, f"[join] {key} {name}") for name, value in entries.items()}

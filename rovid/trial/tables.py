@@ -76,7 +76,15 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> CsvTable:
     if not numbered:
         raise LogError("is empty.", where=path)
     lines = [number for number, _ in numbered]
-    rows = _rows(path, [line for _, line in numbered])
+    separator = _separator(numbered[0][1])
+    try:
+        cells = csv.reader([line for _, line in numbered], delimiter=separator)
+        rows = [tuple(map(str.strip, row)) for row in cells]
+    except csv.Error as error:
+        raise LogError(f"is no table: {error}.", where=path) from error
+    if separator == ";":
+        # Semicolons separate the cells where the comma is the decimal sign.
+        rows = [tuple(cell.replace(",", ".") for cell in row) for row in rows]
     if headerless and len(rows[0]) == len(headerless) and all(map(_is_number, rows[0])):
         rows.insert(0, headerless)
         lines.insert(0, 0)
@@ -103,18 +111,6 @@ def _content(path: Path) -> str:
 def _has_content(line: str) -> bool:
     """Whether a line is neither blank nor a comment."""
     return bool(line.strip()) and line[0] != "#"
-
-
-def _rows(path: Path, lines: Sequence[str]) -> list[tuple[str, ...]]:
-    separator = _separator(lines[0])
-    try:
-        rows = [tuple(map(str.strip, cells)) for cells in csv.reader(lines, delimiter=separator)]
-    except csv.Error as error:
-        raise LogError(f"is no table: {error}.", where=path) from error
-    if separator == ";":
-        # Semicolons separate the cells where the comma is the decimal sign.
-        return [tuple(cell.replace(",", ".") for cell in row) for row in rows]
-    return rows
 
 
 def _separator(line: str) -> str:
