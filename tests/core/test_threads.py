@@ -24,6 +24,7 @@ def resident():
 
 if "settle" in sys.argv:
     tune_process()
+fill = [bytes(5000) for _ in range(2000)]  # so that no gap of the heap takes what is to stand behind an array
 before = resident()
 np.ones(30 << 17).sum()
 stays, arrays = [], []
