@@ -122,8 +122,9 @@ def model_estimate(fitted: FitResult, *, white: bool) -> Estimate:
 def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:
     """Add to the covariance that between models with another form or effect (Hoeting et al. 1999).
 
-    The weights follow from the likelihoods where the innovations are white. Otherwise no form is exact, and all models
-    that gain nearly as much have equal weight.
+    The weights follow from the likelihoods where the innovations are white: those of other forms of an effect by
+    Akaike's penalty, because nature rarely follows the simplest law. Otherwise no form is exact, and all models that
+    gain nearly as much have equal weight.
     """
     model, search = selection.model, selection.search
     deviations, weights = [], []
@@ -133,7 +134,10 @@ def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:
         for fitted in search.replacements(model, effect):
             if not is_plausible(fitted) or is_signal(fitted.effects[-1]) or fitted.key == model.key:
                 continue
-            weight = math.exp(min(bic_score(fitted) - bic_score(model), 0.0))
+            lead = bic_score(fitted) - bic_score(model)
+            if fitted.effects[-1].id == effect.id:
+                lead = model.value - fitted.value - (len(fitted.x) - len(model.x))
+            weight = math.exp(min(lead, 0.0))
             if not model.is_white and bic_score(fitted) - bic_score(rest) >= THRESHOLDS.equivalent_form_share * gain:
                 weight = 1.0
             weights.append(weight)

@@ -53,6 +53,29 @@ def lagged(time: FloatArray, values: FloatArray, time_constant: float) -> FloatA
 
 
 @compiled
+def lagged_unequally(time: FloatArray, values: FloatArray, growing: float, falling: float) -> FloatArray:
+    """As ``lagged``, with the lag ``growing`` while the size is below that of the held value, else ``falling``."""
+    n = len(time)
+    out = np.empty(n)
+    state = values[0]
+    for k in range(n):
+        whole = time[k + 1] - time[k] if k + 1 < n else 0.0
+        goal, area, first, lag = values[k], 0.0, whole, growing
+        if abs(goal) <= abs(state):
+            lag = falling
+            if goal * state < 0.0:
+                # A reversal falls to the size of the new value, and then crosses zero.
+                first = min(whole, falling * math.log(0.5 - 0.5 * state / goal))
+        for part in (first, whole - first):
+            gap = state - goal
+            left = gap * math.exp(-part / lag) if lag > 0.0 and part > 0.0 else gap * (part <= 0.0)
+            area += goal * part + lag * (gap - left)
+            state, lag = goal + left, growing
+        out[k] = area / whole if whole > 0.0 else state
+    return out
+
+
+@compiled
 def lagged_in_series(time: FloatArray, values: FloatArray, first: float, second: float) -> FloatArray:
     """Mean until the next instant of (n,) held ``values`` behind two first-order lags, in equilibrium at the start."""
     if first <= 0.0 or second <= 0.0:

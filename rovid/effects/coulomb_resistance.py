@@ -22,10 +22,14 @@ def _term(at: Instant, p: Numbers) -> float:
 
 
 @compiled
+def _stribeck(at: Instant, p: Numbers) -> float:
+    share = at.rate / (p[3] + 1e-150)
+    return -p[0] * math.tanh(at.rate / (p[1] + 1e-150)) * (1.0 + p[2] * math.exp(-share * share))
+
+
+@compiled
 def _stiction(at: Instant, p: Numbers) -> float:
-    share = at.rate / (p[1] + 1e-150)
-    # Half as large again near rest (Stribeck effect).
-    return -p[0] * math.tanh(5.0 * share) * (1.0 + 0.5 * math.exp(-share * share))
+    return _stribeck(at, (p[0], 0.2 * p[1], 0.5, p[1]))
 
 
 @compiled
@@ -55,6 +59,7 @@ _TORQUE = EffectParameter(name="torque", unit="N m", high=1.0, initial_values=(0
 _RATE = EffectParameter(
     name="rate", unit="rad/s", neutral=0.03, low=0.03, high=0.5, initial_values=(0.03, 0.12), scale="rate"
 )
+_WIDE = replace(_RATE, neutral=0.15, low=0.15, high=1.0, initial_values=(0.15, 0.4))
 
 EFFECT: Effect = Effect(
     id="coulomb_resistance",
@@ -71,9 +76,22 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="stiction",
-        parameters=(_TORQUE, replace(_RATE, neutral=0.15, low=0.15, high=1.0, initial_values=(0.15, 0.4))),
+        parameters=(_TORQUE, _WIDE),
         equation="− c·tanh(5 r/r0)·(1 + ½·exp(−r²/r0²))",
         acts=Term(_stiction),
+    ),
+    # Stribeck effect: static friction is larger.
+    replace(
+        EFFECT,
+        form="stribeck",
+        parameters=(
+            _TORQUE,
+            _RATE,
+            EffectParameter(name="excess", unit="1", neutral=0.0, low=0.0, high=3.0, initial_values=(0.5,)),
+            replace(_WIDE, name="slow_rate"),
+        ),
+        equation="− c·tanh(r/r0)·(1 + s·exp(−r²/r1²))",
+        acts=Term(_stribeck),
     ),
     replace(
         EFFECT,

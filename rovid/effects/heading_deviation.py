@@ -22,6 +22,11 @@ def _mixed(heading: FloatArray, values: Values) -> FloatArray:
     return np.asarray(_once(heading, values) + second)
 
 
+def _thrice(heading: FloatArray, values: Values) -> FloatArray:
+    third = values["third_amplitude"] * np.sin(3.0 * heading + values["third_phase"])
+    return np.asarray(_mixed(heading, values) + third)
+
+
 # rad; largest amplitudes, of an uncorrected compass near steel. With both the measured heading is still monotonic.
 _MAX, _MAX_SECOND = 0.4, 0.25
 
@@ -61,5 +66,15 @@ FORMS: tuple[Effect, ...] = (
         + _pair("second_", 0.005, (0.0, 0.0, 1.57, 1.57), _MAX_SECOND),
         equation="ψ measured = ψ + a·sin(ψ + φ) + a2·sin(2ψ + φ2)",
         acts=OnHeading(_mixed),
+    ),
+    # Strong iron and needles near it also give sextantal terms.
+    replace(
+        EFFECT,
+        form="three_cycles",
+        parameters=_pair("", 0.01, (0.0, 1.57, 0.0, 1.57, 0.0, 1.57, 0.0, 1.57), 0.3)
+        + _pair("second_", 0.005, (0.0, 0.0, 1.57, 1.57, 0.0, 0.0, 1.57, 1.57), 0.15)
+        + _pair("third_", 0.005, (0.0, 0.0, 0.0, 0.0, 1.57, 1.57, 1.57, 1.57), 0.1),
+        equation="ψ measured = ψ + a·sin(ψ + φ) + a2·sin(2ψ + φ2) + a3·sin(3ψ + φ3)",
+        acts=OnHeading(_thrice),
     ),
 )

@@ -38,7 +38,9 @@ EFFECT: Effect = Effect(
     title="oscillatory drag",
     parameters=(
         EffectParameter(name="gain", unit="1", high=10.0, initial_values=(0.3,)),
-        EffectParameter(name="swept_angle", unit="rad", neutral=1.0, low=0.05, high=12.0, initial_values=(0.6, 2.5)),
+        EffectParameter(
+            name="swept_angle", unit="rad", neutral=1.0, low=0.02, high=15.0, initial_values=(0.6, 2.5), scale="angle"
+        ),
     ),
     equation="quadratic drag times 1 + g·exp(−θ/θ0), θ swept since the last reversal",
     fingerprint="drag in sines differs from drag in steady motion; residual torque after each reversal",

@@ -17,6 +17,12 @@ def _growth(inputs: ActuatorInputs, command: FloatArray, values: Values) -> Floa
     return np.asarray(inputs.apply_per_trial(soft_started, command - inputs.neutral, values["rate"]) + inputs.neutral)
 
 
+def _size(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    away = command - inputs.neutral
+    size = inputs.apply_per_trial(soft_started, np.abs(away), values["rate"])
+    return np.asarray(np.sign(away) * size + inputs.neutral)
+
+
 def _ramp_time(values: Values, change: float) -> float:
     return change / values["rate"]
 
@@ -48,6 +54,13 @@ FORMS: tuple[Effect, ...] = (
         form="soft_start",
         equation="d|u'|/dt ≤ R; falls at once",
         acts=OnCommand(_growth, settling_time=_ramp_time),
+    ),
+    # A drive with a size and a direction: a reversal needs no ramp.
+    replace(
+        EFFECT,
+        form="size",
+        equation="d|u'|/dt ≤ R; falls, and changes its sign, at once",
+        acts=OnCommand(_size, settling_time=_ramp_time),
     ),
 )
 # Of the planar model: a gear turns rudders and azimuth thrusters at a limited rate.

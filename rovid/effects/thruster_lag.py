@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.actuator_dynamics import lagged, lagged_in_series, rotor_lagged
+from rovid.effects.actuator_dynamics import lagged, lagged_in_series, lagged_unequally, rotor_lagged
 from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, OnThrust, OnTorque, Values
 
 
@@ -20,6 +20,11 @@ def _lagged_in_series(inputs: ActuatorInputs, torque: FloatArray, values: Values
 
 def _twice_lagged(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
     return _lagged(inputs, _lagged(inputs, command, values), values)
+
+
+def _unequally(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    away, lags = command - inputs.neutral, (values["time_constant"], values["falling"])
+    return np.asarray(inputs.apply_per_trial(lagged_unequally, away, *lags) + inputs.neutral)
 
 
 def _lagged_speed(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -62,6 +67,18 @@ FORMS: tuple[Effect, ...] = (
         form="spin",
         equation="τ·dn/dt + n = sign(F)·√|F|, F' = n·|n|: rotor with a speed controller",
         acts=OnThrust(_lagged_speed, settling_time=_settled),
+    ),
+    replace(
+        EFFECT,
+        form="unequal",
+        parameters=(
+            replace(EFFECT.parameters[0], initial_values=(0.1, 0.4, 0.1)),
+            replace(EFFECT.parameters[0], name="falling", initial_values=(0.2, 0.1, 1.0)),
+        ),
+        equation="τ·du'/dt + u' = u where |u| > |u'|, elsewhere with τ2: a motor slows down with another lag",
+        acts=OnCommand(
+            _unequally, settling_time=lambda values, _: 5.0 * max(values["time_constant"], values["falling"])
+        ),
     ),
     # A rotor after a motor or a controller with its own lag.
     replace(

@@ -12,7 +12,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.effects import CATALOGUE, FORMS, TERM_EFFECTS, Effect, bias_torque, effect_named, forms_for, supply_sag
-from rovid.effects.actuator_dynamics import latched, rotor_lagged, soft_started, waited
+from rovid.effects.actuator_dynamics import lagged, lagged_unequally, latched, rotor_lagged, soft_started, waited
 from rovid.effects.actuator_inputs import actuator_inputs
 from rovid.effects.base import (
     REFERENCE_RATE,
@@ -333,7 +333,7 @@ def test_a_neutral_deviation_is_zero_and_any_deviation_is_monotonic(effect: Effe
 def test_canonical_parameters_are_equivalent(effect: Effect) -> None:
     assert effect.canonical is not None
     low, high = np.transpose([(parameter.low, parameter.high) for parameter in effect.parameters])
-    odd = np.clip(np.array([-0.1, 5.0, 0.05, -4.0])[: len(effect.parameters)], low, high)
+    odd = np.clip(np.array([-0.1, 5.0, 0.05, -4.0, -0.02, 3.5])[: len(effect.parameters)], low, high)
     tidy = effect.canonical(odd)
     assert np.all(tidy[::2] >= 0.0)
     assert np.all(np.abs(tidy[1::2]) <= math.pi)
@@ -374,6 +374,28 @@ def test_a_soft_start_limits_growth_only() -> None:
     values = np.array([0.0, 2.0, 2.0, 2.0, 2.0, 0.5, 0.5, -1.0, -1.0, -1.0, 0.0, 0.0])
     expected = [0.0, 0.25, 0.75, 1.25, 1.75, 0.5, 0.5, -0.25, -0.75, -1.0, 0.0, 0.0]
     np.testing.assert_allclose(soft_started(time, values, 1.0), expected)
+
+
+def test_a_limit_on_the_size_lets_a_reversal_pass() -> None:
+    effect = effect_named("slew_limit:size")
+    assert isinstance(effect.acts, OnCommand)
+    where = replace(WHERE, time=np.arange(6.0), neutral=np.array([0.5]))
+    command = 0.5 + np.array([[0.0], [2.0], [2.0], [-1.0], [-1.0], [-3.0]])
+    late = effect.acts.change(where, command, {"rate": 1.0})[:, 0] - 0.5
+    np.testing.assert_allclose(late, [0.0, 0.5, 1.5, -1.0, -1.0, -1.0])
+
+
+def test_an_unequal_lag_depends_on_whether_the_size_grows() -> None:
+    time = np.array([0.0, 0.3, 1.0, 1.1, 2.0, 2.6, 3.5, 4.0])
+    values = np.array([0.5, 2.0, -1.0, -1.0, 0.0, -2.0, 1.5, 1.5])
+    np.testing.assert_allclose(lagged_unequally(time, values, 0.4, 0.4), lagged(time, values, 0.4))
+    found, step, state = lagged_unequally(time, values, 0.2, 0.7), 1e-4, values[0]
+    for k, (begin, end) in enumerate(pairwise(time)):
+        passed = 0.0
+        for _ in range(round((end - begin) / step)):
+            state += (values[k] - state) * step / (0.2 if abs(values[k]) > abs(state) else 0.7)
+            passed += state * step
+        assert found[k] == pytest.approx(passed / (end - begin), abs=1e-3)  # of the steps
 
 
 def test_thrust_waits_after_a_reversal_and_no_other_change() -> None:
@@ -531,6 +553,28 @@ def test_friction_stops_a_coasting_vehicle() -> None:
         rate = simulated(effect_named(key), np.array([15.0, 0.005]), push)
         assert plain[-1] > 0.01
         assert abs(rate[-1]) < 1e-3
+
+
+def test_static_friction_is_larger_by_its_excess() -> None:
+    numbers = np.array([15.0, 0.001, 0.6, 0.02])
+    found = [term(effect_named("coulomb_resistance:stribeck"), numbers, r, 0.0, np.zeros(2))[0] for r in (0.004, 0.2)]
+    assert found == pytest.approx([-15.0 * (1.0 + 0.6 * math.exp(-0.04)), -15.0], rel=1e-3)
+
+
+def test_two_memories_add() -> None:
+    numbers, water = np.array([100.0, 50.0, 2.0, 0.1]), np.array([0.05, -0.1])
+    found = term(effect_named("added_mass_memory:two_times"), numbers, 0.1, 0.0, water)
+    plain = [term(effect_named("added_mass_memory"), np.array(one), 0.1, 0.0, np.array([state, 0.0])) for one, state in
+             (((100.0, 2.0), 0.05), ((50.0, 0.2), -0.1))]  # fmt: skip
+    assert found[0] == pytest.approx(plain[0][0] + plain[1][0])
+    np.testing.assert_allclose(found[1], [plain[0][1][0], plain[1][1][0]])
+
+
+def test_the_range_of_a_swept_angle_suits_a_vehicle_that_hardly_turns() -> None:
+    angle = effect_named("oscillatory_drag").parameters[1]
+    slow = Scales(command=1.0, torque=1.0, rate=0.005, wash=1.0, time=20.0)
+    assert angle.low * slow.unit_size(angle) < 0.01
+    assert angle.high * slow.unit_size(angle) > 0.2
 
 
 def test_friction_that_stretches_grows_with_the_angle_turned() -> None:
