@@ -15,7 +15,7 @@ from rovid.diagnose.algorithm import conclude
 from rovid.diagnose.build_result import _wave_finding, subsets
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.selection import Selection
-from rovid.diagnose.stated_selection import average_over_suspects, is_established, state
+from rovid.diagnose.stated_selection import _average_over_forms, average_over_suspects, is_established, state
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected
 from rovid.effects import CATALOGUE
@@ -63,6 +63,26 @@ def test_probabilities_of_suspects_add_up_to_one_at_most(rival: Alternative) -> 
 
 def test_without_suspects_the_covariance_stays() -> None:
     assert average_over_suspects(estimate(), []).covariance.tolist() == np.eye(3).tolist()
+
+
+@pytest.mark.parametrize(("other", "weight"), [("same", 1.0), ("another", np.exp(-3.0))])
+def test_another_law_counts_by_akaike_and_another_cause_by_schwarz(
+    monkeypatch: pytest.MonkeyPatch, other: str, weight: float
+) -> None:
+    def law(name: str, likelihood: float, parameters: int) -> Any:
+        x, effects = np.zeros(parameters), [SimpleNamespace(id=name)]
+        score = likelihood - 4.5 * parameters
+        return SimpleNamespace(effects=effects, value=-likelihood, x=x, score=score, key=object(), is_white=True)
+
+    model, rest = law("same", 100.0, 2), law("", 0.0, 0)
+    search = SimpleNamespace(without=lambda *_: rest, replacements=lambda *_: [law(other, 106.0, 4)])
+    monkeypatch.setattr(stated_selection, "bic_score", lambda one: one.score)
+    monkeypatch.setattr(stated_selection, "is_plausible", lambda _: True)
+    monkeypatch.setattr(stated_selection, "is_signal", lambda _: False)
+    monkeypatch.setattr(stated_selection, "_deviation", lambda *_: np.array([2.0, 0.0, 0.0]))
+    selected: Any = SimpleNamespace(model=model, search=search)
+    told = _average_over_forms(selected, estimate())
+    assert told.covariance[0, 0] == pytest.approx(1.0 + 4.0 * weight / (1.0 + weight))
 
 
 def keys(count: int) -> list[tuple[str, ...]]:
