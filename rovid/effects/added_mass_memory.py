@@ -22,12 +22,6 @@ def _linear(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
 
 
 @compiled
-def _twice(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float, float]:
-    slow, quick = (at.rate - x[0]) / p[2], (at.rate - x[1]) / (p[3] * p[2])
-    return -p[0] * slow - p[1] * quick, slow, quick
-
-
-@compiled
 def _porous(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     relative = at.rate - x[0]
     slope = 2.0 * at.body.quadratic_drag * abs(relative) + at.body.linear_drag
@@ -45,17 +39,13 @@ def _fastest_in_frame(values: Values) -> float:
     return 2.0 / max(values["time_constant"], _RESOLVED)
 
 
-def _fastest_of_two(values: Values) -> float:
-    return _fastest(values) / values["ratio"]
-
-
 def _added(values: Values) -> float:
-    return values["inertia"] + values.get("quick_inertia", 0.0)
+    return values["inertia"]
 
 
 def _unknown_start(values: Values, rate: float, acceleration: float) -> tuple[float, ...]:
     """The water moves as fast as the vehicle."""
-    return (rate,) * (1 + ("ratio" in values))
+    return (rate,)
 
 
 _INERTIA = EffectParameter(name="inertia", unit="kg m^2", low=-0.5, high=4.0, initial_values=(0.2,), scale="inertia")
@@ -72,23 +62,8 @@ EFFECT: Effect = Effect(
     rivals=("thruster_lag", "oscillatory_drag", "entrained_swirl"),
     acts=Term(_linear, states=1, fastest=_fastest, added_inertia=_added, unknown_start=_unknown_start),
 )
-_INERTIA, _TIME = EFFECT.parameters
 FORMS: tuple[Effect, ...] = (
     EFFECT,
-    # Any kernel of Cummins is nearly a sum of some exponentials.
-    replace(
-        EFFECT,
-        form="two_times",
-        parameters=(
-            _INERTIA,
-            replace(_INERTIA, name="quick_inertia"),
-            _TIME,
-            EffectParameter(name="ratio", unit="1", neutral=0.3, low=0.02, high=0.7, initial_values=(0.2, 0.2)),
-        ),
-        size_count=2,
-        equation="− Im·dw/dt − Im2·dw2/dt, τ·dw/dt = r − w, a·τ·dw2/dt = r − w2",
-        acts=Term(_twice, states=2, fastest=_fastest_of_two, added_inertia=_added, unknown_start=_unknown_start),
-    ),
     replace(
         EFFECT,
         form="porous",

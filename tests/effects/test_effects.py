@@ -561,15 +561,6 @@ def test_static_friction_is_larger_by_its_excess() -> None:
     assert found == pytest.approx([-15.0 * (1.0 + 0.6 * math.exp(-0.04)), -15.0], rel=1e-3)
 
 
-def test_two_memories_add() -> None:
-    numbers, water = np.array([100.0, 50.0, 2.0, 0.1]), np.array([0.05, -0.1])
-    found = term(effect_named("added_mass_memory:two_times"), numbers, 0.1, 0.0, water)
-    plain = [term(effect_named("added_mass_memory"), np.array(one), 0.1, 0.0, np.array([state, 0.0])) for one, state in
-             (((100.0, 2.0), 0.05), ((50.0, 0.2), -0.1))]  # fmt: skip
-    assert found[0] == pytest.approx(plain[0][0] + plain[1][0])
-    np.testing.assert_allclose(found[1], [plain[0][1][0], plain[1][1][0]])
-
-
 def test_the_range_of_a_swept_angle_suits_a_vehicle_that_hardly_turns() -> None:
     angle = effect_named("oscillatory_drag").parameters[1]
     slow = Scales(command=1.0, torque=1.0, rate=0.005, wash=1.0, time=20.0)
