@@ -57,9 +57,9 @@ def _unknown_start(values: Values, rate: float, acceleration: float) -> tuple[fl
 _TORQUE = EffectParameter(name="torque", unit="N m", high=1.0, initial_values=(0.03,), scale="torque")
 # Rate over which the friction changes its sign.
 _RATE = EffectParameter(
-    name="rate", unit="rad/s", neutral=0.03, low=0.03, high=0.5, initial_values=(0.03, 0.12), scale="rate"
+    name="rate", unit="rad/s", neutral=0.03, low=0.03, high=1.0, initial_values=(0.03, 0.12), scale="rate"
 )
-_WIDE = replace(_RATE, neutral=0.15, low=0.15, high=1.0, initial_values=(0.15, 0.4))
+_WIDE = replace(_RATE, neutral=0.15, low=0.15, initial_values=(0.15, 0.4))
 
 EFFECT: Effect = Effect(
     id="coulomb_resistance",

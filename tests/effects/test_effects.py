@@ -561,6 +561,12 @@ def test_static_friction_is_larger_by_its_excess() -> None:
     assert found == pytest.approx([-15.0 * (1.0 + 0.6 * math.exp(-0.04)), -15.0], rel=1e-3)
 
 
+def test_friction_may_change_its_sign_over_most_of_the_rates_in_use() -> None:
+    """A vehicle that friction holds at rest for most of the time has a small RMS rate."""
+    width = effect_named("coulomb_resistance").parameters[1]
+    assert width.high * SCALES.unit_size(width) > 0.7 * SCALES.rate
+
+
 def test_the_range_of_a_swept_angle_suits_a_vehicle_that_hardly_turns() -> None:
     angle = effect_named("oscillatory_drag").parameters[1]
     slow = Scales(command=1.0, torque=1.0, rate=0.005, wash=1.0, time=20.0)
