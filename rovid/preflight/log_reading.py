@@ -270,7 +270,7 @@ def _joins(names: Sequence[str], logs: Sequence[Log]) -> Iterator[tuple[Join, li
         held = Counter(
             source for _, source in {(part, one) for part, log in zip(owner, logs, strict=True) for one in log}
         )
-        for fewest in (2, 1):
+        for fewest in (len(names) + 1, 2, 1):
             shared = {source for source, count in held.items() if count >= fewest}
             yield join, [_qualified(log, part, shared) for part, log in zip(owner, logs, strict=True)]
 
@@ -294,8 +294,11 @@ def _trials(join: Join, names: Sequence[str], logs: Sequence[Log], mapping: Colu
             files.setdefault(join.trial_key(name), []).append(log)
     column = mapping.measured.source.rpartition(QUALIFIER)[2]
     moving = sum(source.rpartition(QUALIFIER)[2] == column for log in logs for source in log)
-    if len(files) == 1 and moving > 1:
-        return {}  # Those are several trials.
+    if len(files) == 1 and moving > 1 and any("_" in part for part in join.parts):
+        return {}  # The parts hold the names of several trials.
+    for source in mapping.actuation:
+        if len({join.part(name) for name, log in zip(names, logs, strict=True) if source in log}) > 1:
+            return {}  # Commands of several thrusters have one name.
     joined = {name: _on_one_clock(parts, mapping) for name, parts in files.items()}
     return {name: log for name, log in joined.items() if _is_complete(log, mapping)}
 

@@ -74,7 +74,16 @@ def bagpy(folder: Path, number: int) -> Path:
     return folder / f"day-{number}/imu-data.csv"
 
 
-@pytest.mark.parametrize("export", [rostopic, ulog, bagpy])
+def sides(folder: Path, number: int) -> Path:
+    """Files that differ in one word, with a column of the same name for each thruster."""
+    drive, heading = turned(number)
+    columns = {"imu": {"yaw_rad": heading}, "left": {"thrust": drive}, "right": {"thrust": -drive}}
+    for name, column in columns.items():
+        (folder / f"run{number}_{name}.csv").write_text(csv_text({"time_s": TIME} | column, form=".6f"))
+    return folder / f"run{number}_imu.csv"
+
+
+@pytest.mark.parametrize("export", [rostopic, ulog, bagpy, sides])
 def test_files_of_one_topic_form_trials(export: object, tmp_path: Path) -> None:
     assert callable(export)
     first, _ = export(tmp_path, 1), export(tmp_path, 2)
