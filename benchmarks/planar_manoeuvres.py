@@ -1,8 +1,9 @@
-"""Tankers of the MMG model: do 10 deg zigzags predict the overshoots of 20 deg zigzags and the 35 deg turning circle?
+"""Ships of the MMG model: do 10 deg zigzags predict the overshoots of 20 deg zigzags and the 35 deg turning circle?
 
-Run ``python -m benchmarks.planar_manoeuvres --seed 1 --count 3``. tools/planar draws tankers near KVLCC2. The logs are
-those of free-running model tests: time, position, heading, speeds, yaw rate, rudder angle and propeller speed. rovid
-fits four zigzags of 10 deg by its command line; its standard manoeuvres are compared with those of the tanker.
+Run ``python -m benchmarks.planar_manoeuvres --seed 1 --count 3``. tools/planar draws tankers near KVLCC2, or with
+``--family merchant`` finer hulls. The logs are those of free-running model tests: time, position, heading, speeds, yaw
+rate, rudder angle and propeller speed. rovid fits four zigzags of 10 deg by its command line; its standard manoeuvres
+are compared with those of the ship.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -103,9 +105,17 @@ def circle(track: FloatArray) -> tuple[float, float]:
     return float(along[np.argmax(turned > 0.5 * np.pi)]), float(abs(across[np.argmax(turned > np.pi)]))
 
 
-def true_measures(seed: int, index: int) -> dict[str, float]:
-    """Measures of a tanker in still water by name in ``standard_manoeuvres``; means over the drawn thrusts."""
-    campaign = simulated(draw(seed, index, "none", "tanker", kinds=PREDICT, sensors=("compass",)), still=True)
+def from_amidships(run: Run) -> Run:
+    """The run with its rudder amidships at first: a drawn turn begins at its angle, and no rudder is that fast."""
+    demands = run.demands.copy()
+    demands[0, 2] = 0.0
+    return replace(run, demands=demands)
+
+
+def true_measures(seed: int, index: int, family: str) -> dict[str, float]:
+    """Measures of a ship in still water by name in ``standard_manoeuvres``; means over the drawn thrusts."""
+    campaign = draw(seed, index, "none", family, kinds=PREDICT, sensors=("compass",))
+    campaign = simulated(replace(campaign, runs=tuple(map(from_amidships, campaign.runs))), still=True)
     found: dict[str, list[float]] = {}
     for run in campaign.runs:
         _, track, commands = states(campaign, run, 20.0)
@@ -130,12 +140,14 @@ def answer(folder: Path) -> dict[str, Any]:
     return found
 
 
-def judged(seed: int, index: int, level: float, rate: float, keep: Path | None) -> dict[str, Any]:
-    """Predicted and true measures of one tanker with their errors: deg of overshoots, % of lengths."""
-    learn = draw(seed, index, "none", "tanker", kinds=LEARN, sensors=("compass",))
-    true = true_measures(seed, index)
+def judged(
+    seed: int, index: int, level: float, rate: float, keep: Path | None, family: str = "tanker"
+) -> dict[str, Any]:
+    """Predicted and true measures of one ship with their errors: deg of overshoots, % of lengths."""
+    learn = draw(seed, index, "none", family, kinds=LEARN, sensors=("compass",))
+    true = true_measures(seed, index, family)
     with tempfile.TemporaryDirectory() as room:
-        folder = (keep or Path(room)) / f"tanker_{seed}_{index}_{level:g}"
+        folder = (keep or Path(room)) / f"{family}_{seed}_{index}_{level:g}"
         write(folder, learn, rate, level)
         document = answer(folder)
     rows = {}
@@ -154,6 +166,7 @@ def judged(seed: int, index: int, level: float, rate: float, keep: Path | None) 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--family", choices=["tanker", "merchant"], default="tanker")
     parser.add_argument("--start", type=int, default=0)
     parser.add_argument("--count", type=int, default=3)
     parser.add_argument("--levels", type=float, nargs="*", default=[1.0, 4.0], help="noise of the sensors")
@@ -163,7 +176,7 @@ def main() -> None:
     pooled: dict[str, list[bool]] = {}
     for index in range(options.start, options.start + options.count):
         for level in options.levels:
-            result = judged(options.seed, index, level, options.rate, options.keep)
+            result = judged(options.seed, index, level, options.rate, options.keep, options.family)
             print(json.dumps(result), flush=True)
             for name, one in result["measures"].items():
                 limit = 2.0 if "overshoot" in name else 7.0

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.planar_manoeuvres import circle, judged, overshoots
+from benchmarks.planar_manoeuvres import circle, judged, overshoots, true_measures
 from rovid.effects.cross_flow_drag import ship_forces
+from tools.planar import draw
 from tools.planar.vehicles import kvlcc2
 
 
@@ -17,6 +18,14 @@ def test_measures_of_a_circle_and_of_a_sine() -> None:
     assert circle(track) == pytest.approx((10.0, 20.0), rel=1e-3)
     swing = np.radians(20.0 + np.array([10.0, 15.0])[:, None]) * np.sin(np.linspace(0.0, math.pi, 200))
     assert overshoots(np.concatenate((swing[0], -swing[1])), 20.0) == pytest.approx([10.0, 15.0], abs=0.01)
+
+
+def test_a_drawn_merchant_ship_turns_like_published_ones() -> None:
+    found, length = true_measures(41, 0, "merchant"), draw(41, 0, "none", "merchant").vehicle.length
+    # S175, KCS and others turn in 2.5 to 4.5 lengths, and overshoot by less than the 25 deg of the IMO.
+    assert 2.5 < found["circle_port.tactical_diameter"] / length < 4.5
+    assert found["circle_port.tactical_diameter"] != pytest.approx(found["circle_port.advance"], rel=0.01)
+    assert 5.0 < math.degrees(found["zigzag_20.first_overshoot"]) < 25.0
 
 
 @pytest.mark.parametrize(("drift", "rate"), [(0.3, -0.6), (0.2, -0.7), (0.1, -0.3)])

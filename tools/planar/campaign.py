@@ -79,7 +79,8 @@ def draw(
     vehicle depends on seed, index and family.
     """
     rng = np.random.default_rng([seed, index, zlib.crc32(b"planar")])
-    family = family or str(rng.choice(list(FAMILIES)))
+    # Finer ships are drawn by their name alone.
+    family = family or str(rng.choice([name for name in FAMILIES if name != "merchant"]))
     vehicle = FAMILIES[family](rng)
     fitting = [effect for effect in FORMS if suits(vehicle, effect)]
     if hidden is None:

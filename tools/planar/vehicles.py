@@ -1,4 +1,4 @@
-"""Families of vehicles, drawn over sizes: box ROV, torpedo AUV, twin-hull USV, azimuth vessel, tanker model."""
+"""Families of vehicles, drawn over sizes: box ROV, torpedo AUV, twin-hull USV, azimuth vessel, ship models."""
 
 from __future__ import annotations
 
@@ -372,8 +372,22 @@ def azimuth_vessel(rng: np.random.Generator) -> Vehicle:
 def tanker(rng: np.random.Generator) -> Vehicle:
     """Free-running model, or the ship itself, like KVLCC2: derivatives of Yasukawa and Yoshimura (2015), varied."""
     length = log_uniform(rng, 2.0, 8.0) if rng.random() < 0.8 else 320.0
-    ship, revolutions = kvlcc2(length, rng)
-    speed = 1.179 * math.sqrt(length / 7.0)
+    return _ship_of("tanker", *kvlcc2(length, rng), 1.179 * math.sqrt(length / 7.0), 0.181 * length)
+
+
+def merchant(rng: np.random.Generator) -> Vehicle:
+    """Free-running model of a finer ship, from a container ship like S175 or KCS to a bulk carrier."""
+    length = log_uniform(rng, 2.0, 8.0)
+    block, slender, beam_to_draught = float(rng.uniform(0.55, 0.78)), float(rng.uniform(6.0, 7.3)), 2.85
+    speed = float(rng.uniform(0.15, 0.24)) * math.sqrt(9.81 * length)
+    beam = length / slender
+    ship, revolutions = hull_of_dimensions(rng, length, beam, beam / beam_to_draught, block, speed)
+    return _ship_of("merchant", ship, revolutions, speed, beam)
+
+
+def _ship_of(family: str, ship: Ship, revolutions: float, speed: float, width: float) -> Vehicle:
+    """An MMG ship as a vehicle, with its ``revolutions`` (1/s) at full ``speed`` in m/s."""
+    length = ship.length
     area = 0.5 * RHO * length * ship.draught
     total_n = ship.i_z + ship.x_g**2 * ship.mass + ship.j_z
     # Of the linear derivatives: what sets time constants and the size of the disturbance.
@@ -389,7 +403,7 @@ def tanker(rng: np.random.Generator) -> Vehicle:
     )  # fmt: skip
     shares = np.linspace(-1.0, 1.0, 41) * 1.3
     return Vehicle(
-        family="tanker", length=length, width=0.181 * length, mass=ship.mass, rigid_inertia=ship.i_z, hull=hull,
+        family=family, length=length, width=width, mass=ship.mass, rigid_inertia=ship.i_z, hull=hull,
         ship=ship, actuators=actuators, channels=("propeller", "rudder"), unit="rpm", rest=0.0,
         span=60.0 * revolutions, commands=np.tile(60.0 * revolutions * shares, (2, 1)),
         thrusts=np.tile(thrust * shares * np.abs(shares), (2, 1)),
@@ -422,10 +436,45 @@ def kvlcc2(length: float, rng: np.random.Generator | None = None) -> tuple[Ship,
         rudder_area=near(0.0539) * scale**2, rudder_slope=near(2.747), t_r=0.387, a_h=near(0.312), x_h=-0.464,
         x_r=-0.5, gamma_minus=0.395, gamma_plus=0.640, l_r=-0.710, epsilon=1.09, kappa=0.50, eta=0.626,
     )  # fmt: skip
-    # Revolutions at which the propeller overcomes the resistance on a straight course.
-    speed = 1.179 * math.sqrt(scale)
-    need = 0.5 * RHO * length * draught * ship.R0 * speed**2 / (1.0 - ship.t_p)
-    low, high = 0.1 / math.sqrt(scale), 60.0 / math.sqrt(scale)
+    return ship, _revolutions(ship, 1.179 * math.sqrt(scale))
+
+
+def hull_of_dimensions(
+    rng: np.random.Generator, length: float, beam: float, draught: float, block: float, speed: float
+) -> tuple[Ship, float]:
+    """A ship of these dimensions in m and this block coefficient, and its revolutions (1/s) at ``speed`` in m/s.
+
+    Hull derivatives by the regressions of Yoshimura and Masumoto (2012), each within 10 %; rudder, wake and propeller
+    as usual for such ships.
+    """
+
+    def near(value: float) -> float:
+        return value * float(rng.uniform(0.9, 1.1))
+
+    full, aspect = block * beam / length, 2.0 * draught / length
+    mass, force = RHO * block * length * beam * draught, 0.5 * RHO * length**2 * draught
+    own, side = 2.0 * block * beam / length, near(0.5 * math.pi * aspect + 0.35 * full)
+    ship = Ship(
+        length=length, draught=draught, mass=mass, x_g=-0.012 * length, m_x=near(0.05 * own) * force, m_y=side * force,
+        j_z=near(0.009) * force * length**2, i_z=mass * (0.25 * length) ** 2, R0=near(0.017),
+        X_vv=near(1.15 * full - 0.18), X_vr=near(-0.5 * side), X_rr=near(-0.085 * full + 0.008),
+        X_vvvv=near(1.10 - 6.68 * full), Y_v=near(-0.5 * math.pi * aspect - 1.4 * full), Y_r=near(0.5 * full),
+        Y_vvv=near(-0.185 * length / beam - 0.48), Y_vvr=near(-0.75),
+        Y_vrr=near(-0.26 * (1.0 - block) * length / beam - 0.11), Y_rrr=near(-0.051), N_v=near(-aspect),
+        N_r=near(-0.54 * aspect + aspect**2), N_vvv=near(0.69 * block - 0.66), N_vvr=near(1.55 * full - 0.76),
+        N_vrr=near(-0.075 * (1.0 - block) * length / beam + 0.098), N_rrr=near(0.25 * full - 0.056),
+        propeller=near(0.70) * draught, t_p=near(0.18), w_p0=near(0.30), x_p=-0.48, k0=0.50, k1=-0.42, k2=-0.10,
+        c1=2.0, c2_plus=1.3, c2_minus=1.1, rudder_area=near(0.020) * length * draught, rudder_slope=near(2.6),
+        t_r=near(0.30), a_h=near(3.6 * full), x_h=-0.40, x_r=-0.5, gamma_minus=near(2.06 * full + 0.14),
+        gamma_plus=near(2.06 * full + 0.24), l_r=-0.90, epsilon=near(1.05), kappa=near(0.55), eta=0.85,
+    )  # fmt: skip
+    return ship, _revolutions(ship, speed)
+
+
+def _revolutions(ship: Ship, speed: float) -> float:
+    """Revolutions (1/s) at which the propeller overcomes the resistance on a straight course at ``speed`` in m/s."""
+    need = 0.5 * RHO * ship.length * ship.draught * ship.R0 * speed**2 / (1.0 - ship.t_p)
+    low, high = 0.01 * speed / ship.propeller, 50.0 * speed / ship.propeller
     for _ in range(80):
         middle = 0.5 * (low + high)
         advance = speed * (1.0 - ship.w_p0) / (middle * ship.propeller)
@@ -434,7 +483,7 @@ def kvlcc2(length: float, rng: np.random.Generator | None = None) -> tuple[Ship,
             low = middle
         else:
             high = middle
-    return ship, high
+    return high
 
 
 FAMILIES: Mapping[str, Callable[[np.random.Generator], Vehicle]] = {
@@ -444,4 +493,5 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], Vehicle]] = {
     "auv_rudder": rudder_auv,
     "azimuth": azimuth_vessel,
     "tanker": tanker,
+    "merchant": merchant,
 }
