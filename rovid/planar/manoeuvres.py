@@ -181,7 +181,7 @@ def _reversals(steering: FloatArray) -> FloatArray:
     changed = np.flatnonzero(np.diff(sign[rows]) != 0.0)
     # A slow rudder leaves the old side long before it reaches the new one: the order counts, which leaves first.
     leaves = []
-    for begin, last in zip([0, *rows[changed[:-1] + 1]], rows[changed], strict=True):
+    for begin, last in zip([0, *rows[changed + 1]], rows[changed], strict=False):
         size = np.abs(steering[begin : last + 1])
         leaves.append(begin + int(np.flatnonzero(size >= (1.0 - _HELD) * np.max(size))[-1]) + 1)
     return np.asarray(leaves, dtype=np.int64)

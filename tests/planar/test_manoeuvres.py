@@ -165,3 +165,10 @@ def test_errors_follow_the_covariance_of_the_parameters() -> None:
     found = with_errors(measure, np.array([2.0, 3.0]), covariance)["product"]
     slope = np.array([3.0, 2.0])
     assert found.standard_error == pytest.approx(np.sqrt(slope @ covariance @ slope), rel=1e-9)
+
+
+def test_a_zigzag_that_never_reaches_its_first_reversal_has_no_measures() -> None:
+    one = np.zeros(50)
+    still = Track(time=np.arange(50.0), heading=one, yaw_rate=one, steering=one + 0.3, north=one, east=one, surge=one,
+                  sway=one)  # fmt: skip
+    assert zigzag(still) == {}
