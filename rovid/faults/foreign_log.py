@@ -19,7 +19,7 @@ from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.command_roles import Misfit, misassigned
 from rovid.faults.common_drive import common_drive, least_unexplained, unexplained
 from rovid.faults.common_torque import replaces_groups, with_common_torque
-from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
+from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name, solved
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
@@ -102,7 +102,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         if data.vehicle.planar:
             # Sway and surge change the yaw that a log shows, but not the sign of its inertia.
             foreign = [log for log in foreign if 1.0 + log.deviation[0] + _CERTAIN * log.standard_errors[0] < 0.0]
-        foreign = [log for log in foreign if log.name not in kept]
+        foreign = [log for log in foreign if log.name not in kept and _explains_itself(log, model)]
         if not foreign:
             break
         alike = [log for log in foreign if log.name not in opposite]
@@ -134,6 +134,17 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
 def _is_foreign(log: LogMoments, count: int) -> bool:
     sizes = np.abs(log.deviation) - 2.0 * log.standard_errors
     return count * log.chance < _LEVEL and bool(sizes.max() > _MIN_DEVIATION)
+
+
+def _explains_itself(log: LogMoments, model: QuickModel) -> bool:
+    """Whether another inertia and drag leave half of the residual variance at most, as of another vehicle."""
+    own = next(each for each in model.regressors if each.name == log.name)
+    before, change = own.forcing - own.x @ model.values, solved(log.slope, log.score)
+    after = before - own.x @ change
+    # The sensor noise counts as much more as the inertia is larger.
+    scale = (model.inertia + change[0]) ** 2
+    noise = scale * sum(int(run.valid.sum()) * run.rates.acceleration_noise**2 for run in own.runs)
+    return bool(after @ after - noise < _LESS * (before @ before))
 
 
 def _belonging(logs: Sequence[LogMoments], model: QuickModel) -> set[str]:

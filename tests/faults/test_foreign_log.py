@@ -12,7 +12,7 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import played, slewed
 from rovid.faults.base import RunsData, examine
-from rovid.faults.foreign_log import DETECTORS, _foreign, minority_payload
+from rovid.faults.foreign_log import DETECTORS, _explains_itself, _foreign, minority_payload
 from rovid.faults.quick_model import fit_quick_model, log_name
 from rovid.model.model import Model
 from rovid.trial.fault import Fault, FaultOverrides
@@ -348,3 +348,10 @@ def test_two_kinds_of_logs_without_a_majority_are_named_and_kept() -> None:
     assert sorted(log for fault in faults for log in fault.logs) == names
     assert len(kept) == len(runs)
     assert all("neither kind is a majority" in fault.text for fault in faults)
+
+
+def test_another_vehicle_is_explained_by_its_own_model_and_a_disturbance_is_not() -> None:
+    runs = day("large", 1, {"steps.csv": scaled(model("large"), 2.9, 2.6)}, disturbance=0.05)
+    whole = fit_quick_model(runs, LOGGED)
+    assert whole is not None
+    assert [log.name for log in whole.logs if _explains_itself(log, whole)] == ["steps.csv"]
