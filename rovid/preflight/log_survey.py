@@ -18,7 +18,7 @@ from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, thruster_outputs, vehicle_type
 from rovid.readers.campaign import nothing_to_read
-from rovid.trial.axis import YAW, Axis
+from rovid.trial.axis import AXES, YAW, Axis
 from rovid.trial.config import FILE_NAME
 from rovid.trial.cutting import Exclusion
 from rovid.trial.log_files import Join
@@ -277,12 +277,18 @@ def _map_formats(read: LogsRead, options: SurveyOptions, profile: VehiclePreset 
 
 def _not_recognised(read: LogsRead, kind: str, mapping: ColumnMapping) -> DataError:
     present = sorted(set().union(*read.logs[kind]))
+    hints = [GuessHints(axis=axis) for axis in AXES.values() if axis is not YAW and "command" in mapping.missing]
+    others = {hint.axis.name: other for hint in hints if not (other := map_columns(read.logs[kind], hint)).missing}
+    along = [
+        f"Motion in {name} was recognised ({other.measured.source}): `rovid init LOGS --axis {name}`."
+        for name, other in others.items()
+    ]
     unreadable = f" What could not be read: {read.problems[0]}" if read.problems else ""
     return DataError(
         f"no {' and no '.join(mapping.missing)} was recognised among {', '.join(present[:20])}.{unreadable}",
         where=read.folder,
         mend=f"Name them with --heading and --command, or write {FILE_NAME} by hand: `rovid help files` has an "
-        "example. For motion along another axis than yaw give --axis.",
+        f"example. {' '.join(along) or 'For motion along another axis than yaw give --axis.'}",
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget, ProgressCallback
-from rovid.core.errors import LogError, shortened_list, suggestion
+from rovid.core.errors import LogError, quoted_list, shortened_list, suggestion
 from rovid.core.input_files import file_parts, list_files, require_exists
 from rovid.core.output_files import own_output
 from rovid.core.spmd import ForkedCall
@@ -73,7 +73,7 @@ def find_logs(
     # A table given alone is read as a log: the error then names what it lacks.
     logs = [one for one in files if _is_log(one, config, remarks)] or [one for one in files if one.asked]
     if not logs:
-        raise _no_logs(paths, files)
+        raise _no_logs(paths, files, config)
     remarks += _unmatched_exclusions(logs, config)
     return [(one.name, one.path) for one in logs], remarks
 
@@ -215,20 +215,20 @@ def _unmatched_exclusions(logs: Sequence[_File], config: Config) -> Iterator[Rem
             yield Remark(kind="skipped", count=1, text=f"{text} {suggestion(exclusion.log, names)}")
 
 
-def _no_logs(paths: Sequence[Path], files: Sequence[_File]) -> LogError:
+def _no_logs(paths: Sequence[Path], files: Sequence[_File], config: Config) -> LogError:
     where = ", ".join(map(str, paths))
     if not files:
         return nothing_to_read(paths)
     names = [one.name for one in files]
     if len(names) > _MAX_NAMES_IN_MESSAGE:
         names[_MAX_NAMES_IN_MESSAGE:] = ["…"]
-    noun, unmapped = "tables", ""
     others = sorted({one.kind for one in files} - {"csv"})
-    if others:
-        noun, unmapped = "files", f", and rovid.toml maps nothing for {' or '.join(others)} logs"
+    noun = ("file" if others else "table") + "s" * (len(files) > 1)
+    unmapped = f", and rovid.toml maps nothing for {' or '.join(others)} logs" if others else ""
+    mapped = quoted_list(sorted(_mapped_columns(config) - {""})[:_MAX_NAMES_IN_MESSAGE])
     text = (
         f"holds {len(files)} {noun} ({', '.join(names)}) but no log: "
-        f"none has the mapped time and heading columns{unmapped}."
+        f"none has a column that rovid.toml maps ({mapped}){unmapped}."
     )
     return LogError(text, where=where, mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.")
 

@@ -10,12 +10,13 @@ from typing import cast
 
 import numpy as np
 
-from rovid.core.errors import LogError
+from rovid.core.errors import LogError, suggestion
 from rovid.core.input_files import require_regular
 from rovid.readers.raw_log import Channel, LogContents, RawLog
 from rovid.trial.axis import Signal
 from rovid.trial.config import Config
 from rovid.trial.log_files import FORMATS, Join
+from rovid.trial.tables import column_names
 from rovid.trial.trial import Remark, Trial
 
 
@@ -117,11 +118,11 @@ def _read_joined(path: Path, files: list[Path], config: Config) -> RawLog:
                 channels[name] = channel
                 owners[name] = raw
         read[file] = raw
-        remarks += [replace(remark, text=f"{file.name}: {remark.text}") for remark in raw.remarks]
+        prefix = f"{file.name}: " if file != path else ""
+        remarks += [replace(remark, text=prefix + remark.text) for remark in raw.remarks]
     for name in config.required_signals:
         if name not in channels:
-            text = f"neither this nor the files joined with it hold the source of {name}."
-            raise LogError(text, where=path, mend="Correct [signals], or parts in [join], in rovid.toml.")
+            raise _not_in_any(name, path, files, config)
     return RawLog(
         channels=channels,
         place=lambda name, index: owners[name].place(name, index),
@@ -130,6 +131,17 @@ def _read_joined(path: Path, files: list[Path], config: Config) -> RawLog:
         epoch=next(iter(read.values())).epoch if read else None,
         companion_files=tuple(file for file in read if file != path),
     )
+
+
+def _not_in_any(name: str, path: Path, files: list[Path], config: Config) -> LogError:
+    """Error for a signal that no file of the trial ``path`` holds, with columns similar to its source."""
+    kind = READERS[path.suffix.lower()].kind
+    signal = config.mapped_signals(kind).get(name)
+    wanted = f"the source of {name}" if signal is None else f"{signal.sources[kind]!r}, which rovid.toml maps to {name}"
+    columns = [column for file in files if kind == "csv" for column in column_names(file)]
+    near = f" {suggestion(signal.sources[kind], columns)}" if signal is not None and columns else ""
+    text = f"neither this nor the files joined with it hold {wanted}.{near}"
+    return LogError(text, where=path, mend="Correct the name, or parts in [join], in rovid.toml.")
 
 
 def all_channels(path: Path, config: Config) -> dict[Path, dict[str, Channel]]:

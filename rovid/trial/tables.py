@@ -197,6 +197,13 @@ def read_curve(path: Path) -> ThrustCurve:
         mend = f"Make one from bench readings with `rovid fit-thruster BENCH.csv -o {path.name}`."
         raise ConfigError("there is no such thrust curve.", where=path, mend=mend)
     table = read_table(path)
+    for name in CURVE_COLUMNS:
+        if name not in table.header:
+            text = f"has no column {name!r}. {suggest_columns(name, table.header, table.rows)}"
+            mend = (
+                f"`rovid fit-thruster {path.name}` converts a table in kgf, lbf or kN to a curve in N; name its output "
+            )
+            raise ConfigError(text, where=path, mend=f"{mend}as `curve` in rovid.toml.")
     return curve_of(*map(table.numbers, CURVE_COLUMNS), where=path)
 
 

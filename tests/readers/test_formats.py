@@ -103,7 +103,7 @@ def test_a_file_that_cannot_be_looked_at_counts_as_a_log(content: bytes, tmp_pat
 
 
 def test_nothing_there(tmp_path: Path, config: Config) -> None:
-    with pytest.raises(LogError, match=r"holds 1 tables \(curve.csv\) but no log"):
+    with pytest.raises(LogError, match=r"holds 1 table \(curve.csv\) but no log: none has .* maps \('fore_V', "):
         read_campaign([tmp_path], config)
     (tmp_path / "empty").mkdir()
     with pytest.raises(LogError, match=r"empty: holds no logs: no \.csv, \.mcap, "):
@@ -391,7 +391,16 @@ def test_another_column_of_time_may_be_named(tmp_path: Path) -> None:
 def test_a_part_that_is_missing_is_named(tmp_path: Path) -> None:
     folder = day(tmp_path / "day", split="{run}_{part}.csv")
     (folder / "steps_thr.csv").unlink()
-    with pytest.raises(LogError, match=r"steps_ins\.csv: neither this nor the files joined with it hold"):
+    wanted = (
+        r"steps_ins\.csv: neither this nor the files joined with it hold 'fore_V', which rovid\.toml maps to command"
+    )
+    with pytest.raises(LogError, match=wanted):
+        read_campaign([folder], load_config(folder / "rovid.toml"))
+    misspelt = (folder / "rovid.toml").read_text().replace('"heading_deg"', '"headng_deg"')
+    (folder / "rovid.toml").write_text(misspelt)
+    with pytest.raises(
+        LogError, match=r"hold 'headng_deg', which rovid\.toml maps to heading\. Nearest: 'heading_deg'"
+    ):
         read_campaign([folder], load_config(folder / "rovid.toml"))
 
 

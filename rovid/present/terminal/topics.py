@@ -58,6 +58,7 @@ _ALSO = {
     **dict.fromkeys(("drag", "inertia", "fit-drag", "fit-inertia"), "fit"),
     **dict.fromkeys(("python", "notebook", "dataframe"), "api"),
     **dict.fromkeys(("mcp", "assistant", "agent", "schema"), "skill"),
+    **dict.fromkeys(("cite", "citation", "faq", "question"), "questions"),
     **dict.fromkeys(("history", "refit", "before", "payload", "fouling"), "compare"),
 }
 # A comment, the front matter of instructions for assistants, and a directive of the site.
