@@ -271,24 +271,33 @@ def _map_formats(read: LogsRead, options: SurveyOptions, profile: VehiclePreset 
     errors = [_not_recognised(read, kind, mapping) for kind, mapping in every.items() if kind not in chosen]
     if not chosen:
         raise errors[0]
-    read.problems.extend(map(str, errors))
+    read.problems.extend([*map(str, errors), *unit_conflicts(chosen)])
     return chosen
+
+
+def unit_conflicts(mappings: Mapping[str, ColumnMapping]) -> list[str]:
+    """Problem of signals that two formats hold in different units: a signal has one unit in rovid.toml."""
+    units: dict[str, set[str]] = {}
+    for name, signal in itertools.chain(*(mapping.signals.items() for mapping in mappings.values())):
+        units.setdefault(name, set()).add(signal.unit)
+    if not (names := [name for name, found in units.items() if len(found - {""}) > 1]):
+        return []
+    text = f"{', '.join(names)}: the units differ between {' and '.join(mappings)} logs; {FILE_NAME} has one for all."
+    return [f"{text} Move the logs of one format to a folder of their own."]
 
 
 def _not_recognised(read: LogsRead, kind: str, mapping: ColumnMapping) -> DataError:
     present = sorted(set().union(*read.logs[kind]))
     hints = [GuessHints(axis=axis) for axis in AXES.values() if axis is not YAW and "command" in mapping.missing]
     others = {hint.axis.name: other for hint in hints if not (other := map_columns(read.logs[kind], hint)).missing}
-    along = [
-        f"Motion in {name} was recognised ({other.measured.source}): `rovid init LOGS --axis {name}`."
-        for name, other in others.items()
-    ]
+    found = ", ".join(f"{name} ({other.measured.source})" for name, other in others.items())
+    along = f"Motion was recognised in {found}: `rovid init LOGS --axis {next(iter(others), '')}`."
     unreadable = f" What could not be read: {read.problems[0]}" if read.problems else ""
     return DataError(
         f"no {' and no '.join(mapping.missing)} was recognised among {', '.join(present[:20])}.{unreadable}",
         where=read.folder,
         mend=f"Name them with --heading and --command, or write {FILE_NAME} by hand: `rovid help files` has an "
-        f"example. {' '.join(along) or 'For motion along another axis than yaw give --axis.'}",
+        f"example. {along if found else 'For motion along another axis than yaw give --axis.'}",
     )
 
 

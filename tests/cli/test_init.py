@@ -160,7 +160,7 @@ def test_nothing_is_overwritten(csv_day: Path, tmp_path: Path, rovid: Rovid) -> 
         ("time_s,depth_m\n0,1\n1,1.1\n2,1.2\n3,1.3\n", "no heading and no command was recognised among depth_m"),
         pytest.param(
             "time_s,roll_deg\n" + "".join(f"{k},{k % 7}.5\n" for k in range(60)),
-            "Motion in roll was recognised (roll_deg): `rovid init LOGS --axis roll`",
+            "Motion was recognised in roll (roll_deg): `rovid init LOGS --axis roll`",
             id="roll",
         ),
         ("heading_deg,fore_V\n1,0\n2,1\n1,0\n", "no column that could be the time"),

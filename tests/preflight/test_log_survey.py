@@ -12,6 +12,9 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
+from rovid.preflight.log_survey import unit_conflicts
+from rovid.preflight.raw_columns import SignalGuess
+from rovid.preflight.signal_guess import ColumnMapping
 from tests.conftest import Rovid
 from tests.readers.logs import HEADING, campaign, csv_text, dive, finished, standard, toml
 from tests.readers.recordings import RECORDINGS, bag, said
@@ -163,6 +166,19 @@ def test_logs_without_recognised_columns_do_not_hide_others(csv_day: Path, tmp_p
     document = rovid("init", folder, "--json").document
     assert set(document["signals"]) == {"csv"}
     assert "no heading and no command was recognised among /camera.gain" in str(document["warnings"])
+
+
+@pytest.mark.parametrize(("unit", "names"), [("rad", "heading, roll: "), ("deg", "")])
+def test_formats_with_different_units_of_a_signal_are_reported(unit: str, names: str) -> None:
+    def mapping(unit: str) -> ColumnMapping:
+        guess = SignalGuess(source="yaw", unit=unit, reason="by name")
+        supply = SignalGuess(source="volt", reason="by name")
+        return ColumnMapping(signals={"heading": guess, "supply_voltage": supply, "roll": guess}, commands=())
+
+    problems = unit_conflicts({"bin": mapping("deg"), "tlog": mapping(unit)})
+    assert [problem.partition("the units differ between bin and tlog logs")[0] for problem in problems] == [
+        names
+    ] * bool(names)
 
 
 def test_a_damaged_curve_does_not_hide_the_logs(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
