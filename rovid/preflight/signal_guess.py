@@ -209,9 +209,13 @@ def _heading(columns: Columns) -> SignalGuess | None:
     measured = [source for source in columns if _may_be_heading(source)]
     named = [source for source in measured if name_words(source) & HEADING_WORDS or _is_planar(source, columns)]
     oriented = [source for source, column in columns.items() if column.logged[0].radians]
-    if oriented and not any(columns[source].varies for source in named):
-        return SignalGuess(source=oriented[0], unit="rad", reason="an orientation, from which the heading is computed")
     best, best_rank = None, (False, False, 0)
+    if oriented and not any(columns[source].varies for source in named):
+        best = SignalGuess(source=oriented[0], unit="rad", reason="an orientation, from which the heading is computed")
+        if name_words(best.source) != {"q"}:
+            return best
+        # Four columns q.x to q.w without another name may be odometry: an angle that jumps comes first.
+        measured = [source for source in measured if source != best.source]
     for source in measured:
         column, is_named = columns[source], source in named
         unit, reason = _angle_unit(column)
