@@ -118,7 +118,9 @@ def close_matches(wanted: str, present: Iterable[str], also: Mapping[str, str] =
     # A unit that two names share does not make them alike.
     bare = {_UNIT.sub("", name): name for name in reversed(names)}
     similar = [bare[name] for name in difflib.get_close_matches(whole, bare, n=3, cutoff=0.5)]
-    close = dict.fromkeys(name for name in (*with_word, *synonyms, *abbreviated, *similar) if name in names)
+    mistyped = difflib.get_close_matches(asked, names, n=1, cutoff=0.9)  # A letter too many is no abbreviation.
+    found = (*with_word, *synonyms, *mistyped, *abbreviated, *similar)
+    close = dict.fromkeys(name for name in found if name in names)
     return [names[name] for name in close][:3]
 
 

@@ -59,6 +59,7 @@ def test_other_words_lead_to_names_that_there_are() -> None:
     assert set(effects.SYNONYMS.values()) <= {effect.id for effect in effects.CATALOGUE}
     assert set(export.ALIASES.values()) <= set(export.FORMATS)
     assert suggestion("heading_deg", ["time_s", "hdg", "pitch_deg", "fore_V"]) == "Nearest: 'hdg'."
+    assert suggestion("yaw_arms", ["yaw_arm_guessed", "yaw_arm"]) == "Nearest: 'yaw_arm', 'yaw_arm_guessed'."
     assert suggestion("gazebo", export.FORMATS, export.ALIASES) == "Nearest: 'gz-sim'."
     assert suggestion("simulink", export.FORMATS, export.ALIASES) == "Nearest: 'matlab'."
     assert suggestion("zzz", ["a", "b"], {"other": "a"}) == "There are: 'a', 'b'."
