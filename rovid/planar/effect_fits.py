@@ -13,23 +13,23 @@ from rovid.effects import ANGLE_FORMS, PLANAR_FORMS, Effect, effect_named, forms
 from rovid.effects.base import Actuating, Coupling, WaterCurrent
 from rovid.estimate.fisher_information import inverse_information
 from rovid.planar.dataset import PlanarData, has_hidden_sway
-from rovid.planar.free_runs import HULL_LIFT, FreeRuns, misses_much, started_as_ship
+from rovid.planar.free_runs import FreeRuns, misses_much
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import Linearisation, PlanarOptimum, chord_fit
-from rovid.planar.prior import SHIP_MASS
 from rovid.planar.start_values import start_values
 
-# Least gain in nats beyond the BIC penalty for which the lift of a hull is part of the base model.
-_LIFT_GAIN = 10.0
+# Effects that a vehicle with a rudder is likely to have, because its hull moves ahead: lift in proportion to the speed
+# (Fossen 2011, section 6.4.2). Least gain in nats beyond the BIC penalty for which they are part of the base model.
+HULL_LIFT, _LIFT_GAIN = ("sway_yaw_damping:lift", "speed_dependent_damping:planar"), 10.0
 # Steps of the fits of a hull: by simulations, then by the filter.
 _SIMULATED, _FILTERED = 30, 15
 # Stall angles in rad from which its fit may start.
 _STALLS = (0.3, 0.45, 0.85)
 # Places of the linear and quadratic drags of sway and yaw among the coordinates.
 _ACROSS = (5, 6, 8, 9)
-# Forces of third order of a ship's hull.
-SHIP = "cross_flow_drag:ship"
+# Forces of third order of a ship's hull, and the usual mass over density, squared length and half the draught.
+SHIP, _SHIP_MASS = "cross_flow_drag:ship", 0.31
 # Largest and standard relative error of these forces, by the scatter of published derivatives between tankers.
 _SHAPE_ERROR = 0.25
 SHIP_WARNING = (
@@ -97,19 +97,7 @@ def _with_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
         size = one.value + penalty * np.count_nonzero(one.likelihood.free)
         return float(size if one is best else size + _LIFT_GAIN)
 
-    chosen = min((best, found, _as_ship(found, runs)), key=score)
-    if runs is None or not misses_much(chosen, data):
-        return chosen
-    # The likelihood says little. Simulations of the hull with lift, from a usual ship, may be better than those of the
-    # chosen model.
-    own = PlanarOptimum.fit(replace(likelihood, free_runs=runs), started_as_ship(coordinates, x, data), _SIMULATED)
-    other = PlanarOptimum.fit(replace(chosen.likelihood, free_runs=runs), chosen.x, _SIMULATED)
-    weighted = runs.weighted(own.model)
-    scores = [replace(one.likelihood, free_runs=weighted).value(one.x) for one in (other, own)]
-    # By chance, four parameters gain ten nats of independent errors in one of 2000 logs (likelihood ratio, Wilks 1938).
-    if scores[0] - scores[1] < _LIFT_GAIN:
-        return chosen
-    return PlanarOptimum.fit(likelihood, own.x, _FILTERED)
+    return min((best, found, _as_ship(found, runs)), key=score)
 
 
 def _fitted(likelihood: PlanarLikelihood, runs: FreeRuns | None, x: FloatArray) -> PlanarOptimum:
@@ -138,7 +126,7 @@ def _as_ship(lifted: PlanarOptimum, runs: FreeRuns | None) -> PlanarOptimum:
     length = 2.0 * max(abs(one.position[0]) for one in coordinates.rudders)
     at = coordinates.noise_begin
     coordinates = coordinates.with_effect(effect_named(SHIP))
-    own = np.array([base[0] / (SHIP_MASS * length**2), length]) / coordinates.units[at : at + 2]
+    own = np.array([base[0] / (_SHIP_MASS * length**2), length]) / coordinates.units[at : at + 2]
     usual, given = own.tolist()
     limits = {at: ((1.0 - _SHAPE_ERROR) * usual, (1.0 + _SHAPE_ERROR) * usual), at + 1: (given, given)}
     coordinates = coordinates.bounded(limits | dict.fromkeys(_ACROSS, (0.0, 0.0)))

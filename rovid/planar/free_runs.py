@@ -22,7 +22,7 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.estimate.estimate import r_squared
 from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, MAX_R2_LOSS
-from rovid.planar.coordinates import PlanarCoordinates, PlanarSizes
+from rovid.planar.coordinates import PlanarSizes
 from rovid.planar.dataset import (
     PlanarData,
     PlanarRun,
@@ -39,7 +39,6 @@ from rovid.planar.equations import CURRENT, HEADING, NORTH, STATES, SURGE, simul
 from rovid.planar.likelihood import CriterionRows
 from rovid.planar.model import AXIS_NAMES, AXIS_SPEEDS, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.prior import usual_ship
 from rovid.planar.start_values import start_values
 
 # Time constants whose readings determine the start of a simulation, least number of readings, Gauss-Newton steps.
@@ -56,9 +55,6 @@ _LARGEST, _LEAST_ERROR = 30.0, 0.02
 # Least mean R^2 of the likeliest model for its difference to count as an error of the best free-running simulation. A
 # decision.
 _LEAST_R2 = 0.5
-# Effects that a vehicle with a rudder is likely to have, because its hull moves ahead: lift in proportion to the speed
-# (Fossen 2011, section 6.4.2).
-HULL_LIFT = "sway_yaw_damping:lift", "speed_dependent_damping:planar"
 # Steps to fit noise and disturbance.
 _NOISE_ITERATIONS = 12
 
@@ -325,16 +321,6 @@ def correlation_time(windows: Sequence[FloatArray]) -> float:
     return float(1.0 + 2.0 * np.sum((shares * positive)[1:]))
 
 
-def started_as_ship(coordinates: PlanarCoordinates, x: FloatArray, data: PlanarData) -> FloatArray:
-    """Coordinates of a usual ship; what a ship tells nothing of is as at ``x``.
-
-    The regressions of ships that are pushed by a propeller alone often give inertias far too small.
-    """
-    ship, count = usual_ship(coordinates.model(x), data.vehicle), coordinates.noise_begin
-    first = coordinates.initial(ship, [one.parameters for one in ship.effects])
-    return coordinates.projected(np.concatenate((first[:count], x[count:])))
-
-
 def fit_free_runs(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     """The best fit of free-running simulations from ``best`` and a regression, with its own noise and disturbance.
 
@@ -351,8 +337,6 @@ def fit_free_runs(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     start = replace(start, rudders=tuple(replace(one, lift=was.lift, slipstream=was.slipstream) for one, was in own))
     first = coordinates.initial(start, [one.parameters for one in best.model.effects])
     points = [best.x, coordinates.projected(np.concatenate((first[:count], best.x[count:])))]
-    if HULL_LIFT[0] in {effect.key for effect in best.effects}:
-        points.append(started_as_ship(coordinates, best.x, data))
     likelihood = replace(best.likelihood, free_runs=runs)
     found = min((PlanarOptimum.fit(likelihood, point) for point in points), key=lambda one: one.value)
     found = PlanarOptimum.fit(replace(likelihood, free_runs=runs.weighted(found.model)), found.x)

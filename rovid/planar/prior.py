@@ -25,7 +25,6 @@ from rovid.planar.model import PlanarModel
 
 if TYPE_CHECKING:
     from rovid.planar.optimum import PlanarOptimum
-    from rovid.trial.vehicle import Vehicle
 
 # Largest variance over that by the logs alone, of a parameter that is said to come from the prior. A decision.
 _DECIDED = 0.5
@@ -35,33 +34,6 @@ _CONTRADICTION = 3.0
 _MAX_COUPLING = 0.8
 # Least share of the information on a parameter that is not the prior's, for a contradiction. A decision.
 _LEAST_OTHER = 0.02
-# Usual mass of a ship over its cubed length, kg/m^3; its inertia ahead over density, squared length and half draught.
-_MASS, SHIP_MASS = 7.5, 0.31
-# Parameters of a ship that moves ahead, rounded between those of published ones (Yasukawa and Yoshimura 2015, table 3;
-# Kijima et al. 1990): inertias in mass and length, the rest in half the density times draught and length, and length.
-# The moment of a drift is that beyond the Munk moment, which the inertias contain.
-_INERTIAS = {"surge.inertia": (1.05, 0), "sway.inertia": (1.8, 0), "yaw.inertia": (0.11, 2)}
-_LIFT = {
-    "lift": (0.04, 0),
-    "sway_yaw_damping:lift.yaw_by_sway": (-0.06, 1),
-    "sway_yaw_damping:lift.sway_by_yaw": (-0.08, 1),
-    "speed_dependent_damping:planar.yaw": (0.05, 2),
-    "speed_dependent_damping:planar.sway": (0.32, 0),
-}
-
-
-def usual_ship(model: PlanarModel, vehicle: Vehicle) -> PlanarModel:
-    """The ``model`` with the values of a usual ship of the vehicle's mass and length, where a ship has them."""
-    length = vehicle.length or 2.0 * max(abs(one.position[0]) for one in model.rudders)
-    mass = vehicle.mass or _MASS * length**3
-    unit, values = _INERTIAS["surge.inertia"][0] * mass / (SHIP_MASS * length), model.values.copy()
-    values[[3, 5, 6, 8, 9]] = 0.0
-    for at, name in enumerate(model.names):
-        key = "lift" if name.startswith("rudder.") and name.endswith(".lift") else name
-        for table, size in ((_INERTIAS, mass), (_LIFT, unit)):
-            if key in table:
-                values[at] = table[key][0] * size * length ** table[key][1]
-    return model.with_values(values)
 
 
 @dataclass(frozen=True, kw_only=True)

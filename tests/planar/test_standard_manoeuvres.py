@@ -9,15 +9,11 @@ import pytest
 from scipy.optimize import brentq, fsolve
 
 from rovid.core.array_types import FloatArray
-from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
-from rovid.model.bound_effects import BoundEffect
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.fit import PlanarFit
-from rovid.planar.free_runs import HULL_LIFT
 from rovid.planar.manoeuvres import ManoeuvreMeasure, Measures, with_errors
 from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
-from rovid.planar.prior import usual_ship
 from rovid.planar.reference import accelerations
 from rovid.planar.standard_manoeuvres import (
     SteeringSystem,
@@ -27,7 +23,6 @@ from rovid.planar.standard_manoeuvres import (
     turning_curve,
 )
 from rovid.trial.trial import Campaign
-from rovid.trial.vehicle import Vehicle
 from tests.planar.vehicles import Truth, campaign, simulate
 
 # Equal inertias ahead and sideways: no Munk moment. Yaw is Nomoto's model with T = 30/15 s and K = 12/15 rad/s.
@@ -170,19 +165,3 @@ def test_errors_follow_the_parameters_and_undetermined_ones_refuse_their_measure
     found = model_manoeuvres(replace(fit, estimate=open_), data)
     assert "zigzag_20.T" not in found
     assert "circle_starboard.steady_yaw_rate" in found
-
-
-def test_a_usual_ship_turns_in_a_few_lengths() -> None:
-    rudder = RudderModel(name="helm", position=(-1.5, 0.0), slipstream=0.1, stall=1.0)
-    effects = [effect_named(key) for key in HULL_LIFT]
-    model = PlanarModel(
-        base=np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 8.0, 1.0, 1.0]),
-        effects=tuple(BoundEffect(one, np.zeros(2)) for one in effects),
-        rudders=(rudder,),
-    )
-    ship = usual_ship(model, Vehicle(name="model", thrusters=(), mass=244.0, length=3.0, planar=True))
-    assert ship.value("surge.inertia") == pytest.approx(1.05 * 244.0)
-    assert ship.value("rudder.helm.slipstream") == 0.1  # not a ship's
-    found = model_measures(ship, replace(SYSTEM, approach_speed=0.5, rudders=1, slipstream=1.0))
-    # Tactical diameters of published ships are 2.5 to 4.5 lengths; the IMO allows 5 (MSC.137(76), annex, 5.3.1).
-    assert 2.0 < found["circle_starboard.tactical_diameter"].value / 3.0 < 5.0

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.planar import effect_fits
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
-from rovid.planar.effect_fits import _with_lift, with_hull_lift
+from rovid.planar.effect_fits import with_hull_lift
 from rovid.planar.fit import fit_base
 from rovid.planar.likelihood import PlanarLikelihood
-from rovid.planar.model import PlanarModel, RudderModel
+from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values
 from rovid.planar.uncertainty import total_covariance
@@ -94,28 +93,3 @@ def test_a_hull_without_lift_is_not_fitted_with_it(monkeypatch: pytest.MonkeyPat
     assert best.is_white
     monkeypatch.setattr(PlanarOptimum, "fit", None)
     assert with_hull_lift(best, data) is best
-
-
-@pytest.mark.parametrize(("share", "mass"), [(0.1, 1.05 * 7.5 * 1.8**3), (1.0, 35.0)])
-def test_simulations_decide_for_a_usual_ship_where_the_likelihood_says_little(
-    share: float, mass: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A torpedo of 1.8 m: a ship of that length simulates better than inertias and drags ten times too small, and no
-    better than the truth. No fit takes a step.
-    """
-    truth = torpedo(3)
-    assert truth.rudder is not None
-    data = campaign(truth, runs=1, levels=8, hold=8.0, seed=3)
-    sizes = planar_sizes(data, start_values(data, with_current=False)[1])
-    rudder = RudderModel(name="rudder", position=(truth.rudder[0], 0.0), lift=truth.rudder[1], stall=3.0)
-    model = PlanarModel(base=share * np.array(truth.base), rudders=(rudder,))
-    coordinates = PlanarCoordinates.of(model, sizes, data.sensors, (), 0.05, yaw_only=False)
-    likelihood = PlanarLikelihood(planar_grid(data, sizes, yaw_only=False, interval=0.5), coordinates)
-    x = coordinates.initial(model, ())
-    best = PlanarOptimum(likelihood, x, likelihood.value(x))
-    monkeypatch.setattr(effect_fits, "misses_much", lambda *_: True)
-    monkeypatch.setattr(effect_fits, "_as_ship", lambda lifted, _: lifted)
-    monkeypatch.setattr(PlanarOptimum, "fit", lambda one, at, *_: PlanarOptimum(one, at, one.value(at)))
-    found = _with_lift(best, data)
-    assert found.model.value("surge.inertia") == pytest.approx(mass)
-    assert bool(found.effects) == (share < 1.0)
