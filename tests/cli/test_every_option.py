@@ -54,7 +54,7 @@ SLOW_LINES = (
     "discover day --write formula.py --plot formula.png --axis yaw --budget 60 --effects-from own_law.py --json",
     "discover day --force",
     "effect try own_law.py day --axis yaw --json",
-    "compare day day --axis yaw -o page.html --matters 5 --cutoff 0.5 --force --json",
+    "compare day day --axis yaw -o page.html --matters 5 --cutoff 0.5 --budget 600 --force --json",
     "report day --axis yaw -p r.toml -o r --cutoff 0.5 --budget 60 --diagnosis --control --export --force --json",
     "report day --no-diagnosis --no-control --no-export --pdf --journal 84mm --output r --effects-from own_law.py",
     "report --parameters parameters.toml --no-diagnosis",

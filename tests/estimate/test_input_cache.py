@@ -77,12 +77,13 @@ def test_settled_commands_need_few_samples(run: Run, effect: Effect, noise: floa
     parts = MAX_SUBDIVISION if noise < 1e-6 else 1
     given = CommandSeries.from_trials(synthetic.VEHICLE, [run.trial], parts)
     true = model.actuators.torque_inputs(given, given.intervals_between([steps]) if few else None)
-    # Only samples in transients are used.
+    # Only samples in transients are used: for the longest of two lags they are most of the log.
     looked_at, _ = here._commands(synthetic.VEHICLE, model)  # noqa: SLF001 - what it is for
-    assert len(looked_at.inputs.time) < 0.8 * len(given.inputs.time) or (parts == 1 and not few)
+    assert len(looked_at.inputs.time) < 0.9 * len(given.inputs.time) or (parts == 1 and not few)
     most = np.max(np.abs(true.torque))
     np.testing.assert_allclose(found.torque, true.torque, atol=2e-4 * most, rtol=0.0)
-    large = np.max(np.abs(true.timing_moment))
+    # A torque without transients has rounding errors only.
+    large = max(np.max(np.abs(true.timing_moment)), 1e-9 * most)
     np.testing.assert_allclose(found.timing_moment, true.timing_moment, atol=0.02 * large, rtol=0.0)
 
 
