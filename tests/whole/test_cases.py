@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import Done, Rovid, slow
-from tests.whole.damaged_logs import LAG, LATER, TABLE, Case, Expected
+from tests.conftest import Done, Rovid
+from tests.whole.damaged_logs import LAG, TABLE, Case, Expected
 
 CASES = Path(__file__).parent.parent / "cases"
 
@@ -222,15 +222,14 @@ def test_damage_is_named_and_nothing_else_is(
 
 def test_no_case_is_forgotten() -> None:
     archives = {path.name.removesuffix(".tar.xz") for path in CASES.glob("*.tar.xz")}
-    assert archives == {name.split("/")[0] for name in (*BY_NAME, *LATER)}
+    assert archives == {name.split("/")[0] for name in (*BY_NAME, "nested_optimum")}
     assert {f"{case.name} {command}" for case in TABLE for command in case.commands} >= NOT_YET | LONG
 
 
-@pytest.mark.parametrize("command", [slow("check"), "fit", slow("diagnose")])
-@pytest.mark.parametrize("name", list(LATER))
-def test_what_waits_for_later_work_ends_without_a_traceback(
-    name: str, command: str, logs: Callable[[str], Path], rovid: Rovid
-) -> None:
-    done = ask(rovid, name, command, logs)
-    assert done.code in {0, 2}
-    assert (done.out != "") >= (done.code == 0)
+@pytest.mark.slow
+def test_a_larger_model_ends_no_lower(logs: Callable[[str], Path], rovid: Rovid) -> None:
+    plain, delayed = (
+        rovid("fit", logs("nested_optimum"), *effect, "-p", f"{len(effect)}.toml", "--json").document["log_likelihood"]
+        for effect in ((), ("--effect", "command_delay"))
+    )
+    assert delayed >= plain
