@@ -22,8 +22,8 @@ from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis
 from rovid.trial.rates import resample
 
-# Numbers of all trials together. In text each takes 5.4 bytes, which leaves more than half of 8 MB to the pictures.
-VALUES = 600_000
+# Numbers of all trials together. In text each takes 5.4 bytes, which leaves 0.8 of 3 MB to the pictures.
+VALUES = 400_000
 # Rows of the coarsest level, two for each pixel of a wide screen.
 COARSEST = 4_000
 # Ratio of the rows of successive levels.
