@@ -179,7 +179,7 @@ def test_short_trials_leave_what_they_do_not_want(wanted: list[int], budget: int
     assert fair_shares(wanted, budget) == granted
 
 
-def test_the_budget_leaves_room_on_a_page_of_eight_megabytes() -> None:
+def test_the_budget_leaves_room_on_a_page_of_three_megabytes() -> None:
     assert 4 * VALUES * 4 / 3 < 2.2e6  # four bytes each, and text takes a third more
 
 
