@@ -56,7 +56,9 @@ def _headings(said: Any, study: rovid.Study) -> dict[str, tuple[Floats, Floats]]
         return {Path(one.run.trial.name).stem: (one.motion.time, one.motion.heading) for one in runs}
     logs, model = study.logs, said.stored.model()
     trials = [run.trial for run in logs.runs.items] if logs.runs else []
-    return {Path(one.name).stem: model.simulate(one, model.torque_input(logs.vehicle, one)) for one in trials}
+    return {
+        Path(one.name).stem: (one.time, model.simulate(one, model.torque_input(logs.vehicle, one))[1]) for one in trials
+    }
 
 
 def odds_of(document: dict[str, Any], known: dict[str, Any]) -> dict[str, float]:
