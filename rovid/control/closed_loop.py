@@ -120,8 +120,8 @@ def _simulate(loops: Sequence[ClosedLoop], time: FloatArray, where: ActuatorInpu
     plant, count, n = loops[0].plant, len(loops), len(time)
     steps = _steps_per_period(loops[0].law.period)
     wanted, torque, moment = np.zeros((3, count, n))
-    everything = np.tile(neutral_commands(plant.vehicle), (count, 1 + n, 1))
-    commands = everything[:, 1:]
+    from_idle = np.tile(neutral_commands(plant.vehicle), (count, 1 + n, 1))
+    commands = from_idle[:, 1:]
     effect_inputs = np.zeros((count, n, 1 + len(SPEEDS)))
     runs = []
     for at, loop in enumerate(loops):
@@ -143,7 +143,7 @@ def _simulate(loops: Sequence[ClosedLoop], time: FloatArray, where: ActuatorInpu
             next(controlled)
         for allocation, rows in users.items():
             commands[rows, at : at + steps + 1] = allocation(wanted[rows, at])[:, None]
-        latest = _latest_inputs(plant, where, everything[:, : at + steps + 2], max(at - window, 0), steps)
+        latest = _latest_inputs(plant, where, from_idle[:, : at + steps + 2], max(at - window, 0), steps)
         for series, values in zip((torque, moment, effect_inputs), latest, strict=True):
             series[:, at : at + steps] = values
     for controlled in running:

@@ -103,7 +103,10 @@ class ControllerDesign:
 def design_controller(
     parameters: Parameters, vehicle: Vehicle, conditions: LoopConditions, options: ControllerOptions
 ) -> ControllerDesign:
-    """Design a controller and simulate it. Raises DataError without sufficient margins or turns both ways."""
+    """Design a controller, and simulate it.
+
+    Raises DataError if no bandwidth has sufficient margins, or the thrusters turn the vehicle one way only.
+    """
     model, autopilot = parameters.model(), AUTOPILOTS.get(options.law)
     if not vehicle.thrusters and autopilot is not None:
         text = "without thrusters the torque of an autopilot's full output is not known."
