@@ -186,7 +186,7 @@ def _result(
     suspects += [*rivals, *_further(search, gate, model, {one.effect.id for one in (*tested, *rivals)})]
     share = _ONE_OF_TWO if apart else 1.0
     suspects = [replace(one, probability=share * one.probability) for one in suspects]
-    floors = noise_floors(parts, final)
+    floors = noise_floors(parts, final).scores
     scores = gate.held_out(final).scores
     base = PlanarAssessment(fit=base_fit, held_out=gate.held_out(search.base).scores)
     verdict = "nothing_found"

@@ -145,13 +145,18 @@ class HeldOut:
         """Of all parts."""
         return float(self.gains.sum())
 
-    @property
-    def scores(self) -> PlanarScores:
-        """RMS errors over all windows."""
-        root = [
+    @cached_property
+    def errors(self) -> list[float]:
+        """(5,) RMS errors over all windows; NaN where unknown."""
+        return [
             math.sqrt(float(np.mean(one[np.isfinite(one)]))) if np.isfinite(one).any() else math.nan
             for one in self.squares.T
         ]
+
+    @property
+    def scores(self) -> PlanarScores:
+        """The ``errors`` by name."""
+        root = self.errors
         return PlanarScores(
             log_likelihood=self.log_likelihood,
             rmse={name: value for name, value in zip(AXIS_SPEEDS, root[:3], strict=True) if math.isfinite(value)},
@@ -255,7 +260,7 @@ def _random_forces(model: PlanarOptimum, time: FloatArray, offsets: IntArray, sh
     return forces
 
 
-def noise_floors(parts: Parts, fitted: PlanarOptimum) -> PlanarScores:
+def noise_floors(parts: Parts, fitted: PlanarOptimum) -> HeldOut:
     """Errors of a perfect model: what the fitted disturbance moves in the same windows, and the sensors' noise."""
     _, states = fitted.likelihood.filtered(fitted.x, keep=True)
     every = list(range(len(parts.windows)))
@@ -266,4 +271,4 @@ def noise_floors(parts: Parts, fitted: PlanarOptimum) -> PlanarScores:
             squares[:, axis] += float(noise[SENSORS.index(name)]) ** 2
     if "heading" in parts.data.sensors:
         squares[:, 3:] += float(noise[SENSORS.index("heading")]) ** 2
-    return HeldOut(parts, [], np.zeros(parts.count), squares).scores
+    return HeldOut(parts, [], np.zeros(parts.count), squares)

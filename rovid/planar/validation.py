@@ -1,6 +1,6 @@
 """Held-out gate of the planar diagnosis: which causes of a model pass, and which are never claimed."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.cross_validation import certain_growth
@@ -8,7 +8,8 @@ from rovid.diagnose.evidence import posterior_probability, probability_not_a_sta
 from rovid.diagnose.result import Finding, OtherCause
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
-from rovid.planar.held_out import HeldOut, Parts, PlanarScores, held_out
+from rovid.model.simulation import HORIZONS
+from rovid.planar.held_out import HeldOut, Parts, held_out, noise_floors
 from rovid.planar.model import AXIS_SPEEDS
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.search import PlanarSearch
@@ -96,7 +97,9 @@ class Gate:
         return found, model, messages
 
     def _worsened(self, model: PlanarOptimum, other: PlanarOptimum) -> str:
-        return "" if model is other else worsened(self.held_out(model).scores, self.held_out(other).scores)
+        if model is other:
+            return ""
+        return worsened(self.held_out(model), self.held_out(other), lambda: noise_floors(self.parts, model))
 
 
 def challengers(search: PlanarSearch, model: PlanarOptimum) -> tuple[Challenger, ...]:
@@ -113,18 +116,22 @@ def challengers(search: PlanarSearch, model: PlanarOptimum) -> tuple[Challenger,
     return tuple(shown.values())[: THRESHOLDS.challengers_shown]
 
 
-def worsened(own: PlanarScores, other: PlanarScores) -> str:
-    """The held-out error of yaw rate or heading that is larger than with an ``other`` model, as text; empty if none."""
-    errors = [
-        {"the yaw rate": one.rmse.get("yaw_rate", 0.0)}
-        | {f"the heading after {horizon:g} s": error for horizon, error in one.heading_errors.items()}
-        for one in (own, other)
-    ]
-    growths = {name: error / errors[1][name] - 1.0 for name, error in errors[0].items() if errors[1].get(name)}
-    name = max(growths, key=lambda one: growths[one], default="")
-    if not name or growths[name] <= THRESHOLDS.held_out_growth:
-        return ""
-    return f"the held-out error of {name} is {100.0 * growths[name]:.0f} % larger"
+def worsened(own: HeldOut, other: HeldOut, floors: Callable[[], HeldOut]) -> str:
+    """The held-out error of yaw rate or heading that is larger than with an ``other`` model, as text; empty if none.
+
+    An error within the ``floors`` of a perfect model, that is larger by chance only, does not count.
+    """
+    names = {AXIS_SPEEDS.index("yaw_rate"): "the yaw rate"}
+    names |= {len(AXIS_SPEEDS) + at: f"the heading after {horizon:g} s" for at, horizon in enumerate(HORIZONS)}
+    errors, without = own.errors, other.errors
+    growths = {at: errors[at] / without[at] - 1.0 for at in names if without[at] > 0.0}
+    for at in sorted(growths, key=lambda one: -growths[one]):
+        if growths[at] <= THRESHOLDS.held_out_growth:
+            break
+        by_chance = not certain_growth(own.by_part[:, [at]], other.by_part[:, [at]])
+        if not by_chance or errors[at] > floors().errors[at]:
+            return f"the held-out error of {names[at]} is {100.0 * growths[at]:.0f} % larger"
+    return ""
 
 
 def is_at_bound(fitted: PlanarOptimum, effect: Effect) -> bool:

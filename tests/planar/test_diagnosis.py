@@ -17,7 +17,7 @@ from rovid.estimate.fisher_information import Innovations, Jacobian
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import _agreeing, _contradicted, diagnose_planar
 from rovid.planar.fit import fit_base
-from rovid.planar.held_out import PlanarScores
+from rovid.planar.held_out import HeldOut
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
 from rovid.planar.validation import Gate
@@ -119,29 +119,36 @@ def test_a_model_is_no_less_likely_than_it_is_within_a_larger_one(small: Small) 
     assert search.base is rest
 
 
-@pytest.mark.parametrize(("heading", "rate", "text"), [(1.31, 0.8, "heading after 10 s is 31 %"), (0.9, 1.05, "rate")])
-def test_no_cause_is_established_that_makes_held_out_errors_larger(heading: float, rate: float, text: str) -> None:
+@pytest.mark.parametrize(
+    ("heading", "rate", "floor", "text"),
+    [
+        (1.31, 0.8, 1.0, "heading after 10 s is 31 %"),
+        (0.9, 1.05, 1.0, "yaw rate is 5 %"),
+        (0.9, 1.05, 1.2, ""),  # The simulations of a perfect model are no better.
+        (0.9, 0.8, 1.0, ""),
+    ],
+)
+def test_no_cause_is_established_that_makes_held_out_errors_larger(
+    heading: float, rate: float, floor: float, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One test of all parts together, because a few bad parts are no certain growth."""
 
-    def scores(scale: float, of_rate: float) -> PlanarScores:
-        rmse = {"surge_velocity": 0.1, "yaw_rate": 0.01 * of_rate}
-        return PlanarScores(log_likelihood=0.0, rmse=rmse, heading_errors={10.0: 0.1 * scale, 60.0: 0.3})
+    def errors(of_rate: float, of_heading: float) -> HeldOut:
+        parts: Any = SimpleNamespace(count=6, windows=[(at, at, 0, 0) for at in range(6)])
+        squares = np.tile([0.01, np.nan, 1e-4, 0.01, 0.09], (6, 1))
+        # In one part of the six.
+        squares[0, 2:4] *= np.maximum(1.0 + 6.0 * (np.array([of_rate, of_heading]) ** 2 - 1.0), 0.0)
+        return HeldOut(parts, [], np.zeros(6), squares)
 
     lag = named("thruster_lag")
     nothing, model = (SimpleNamespace(effects=effects) for effects in ((), (lag.effect,)))
     search: Any = SimpleNamespace(base=nothing, polish=lambda one: one, without=lambda *_: nothing)
-    parts: Any = None
-
-    def established(own: PlanarScores) -> tuple[Any, Any, Any]:
-        gate: Any = Gate(search, parts)
-        gate.held_out = lambda one: SimpleNamespace(scores=own if one is model else scores(1.0, 1.0))
-        found: tuple[Any, Any, Any] = gate.established(model, [lag], [lag])
-        return found
-
-    found, final, (message,) = established(scores(heading, rate))
-    assert (found, final) == ([], nothing)
-    assert text in message
-    assert established(scores(0.9, 0.8)) == ([lag], model, [])
+    gate: Any = Gate(search, search)
+    gate.held_out = lambda one: errors(rate, heading) if one is model else errors(1.0, 1.0)
+    monkeypatch.setattr("rovid.planar.validation.noise_floors", lambda *_: errors(floor, 1.0))
+    found, final, messages = gate.established(model, [lag], [lag])
+    assert (found, final) == (([], nothing) if text else ([lag], model))
+    assert [text in message for message in messages] == [True] * bool(text)
 
 
 def named(effect: str, *rivals: str) -> Any:
