@@ -40,6 +40,8 @@ _COARSER = 3
 # Share of the angle of a manoeuvre that is in the runs where they show it; relative standard errors of the measures of
 # circles and zigzags where they do not, for the model's form, by simulated tankers (benchmarks/planar_manoeuvres.py).
 _ALIKE, _CIRCLE_ERROR, _ZIGZAG_ERROR = 0.9, 0.12, 0.2
+# Intervals between readings of a rudder, below which a change follows at the next reading.
+_ONE_READING = 1.5
 # Relative change of a parameter that is not determined, and change of a measure, in shares, that then counts.
 _DOUBT, _SENSITIVE = 0.2, 0.01
 
@@ -117,20 +119,25 @@ class SteeringSystem:
 def _rudder_rate(data: PlanarData) -> float:
     """Rate in rad/s with which half of the movements of the rudders end at most; infinite without rudders.
 
-    A log of orders, which jump, gives a jump within a sample.
+    A log of orders, which jump, gives a jump within a sample. A rudder that is read less often than other columns moves
+    on in the same direction from one of its readings to the next.
     """
-    changes, rates = [np.zeros(0)], [np.zeros(0)]
+    found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for run in data.runs:
         for angle in np.unwrap(run.trial.commands[:, data.actuators.angle_columns], axis=0).T:
             moved = np.flatnonzero(np.diff(angle)) + 1
-            change, seconds = np.abs(np.diff(angle))[moved - 1], np.diff(run.time[moved], prepend=run.time[0])
-            changes.append(change)
-            rates.append(change / np.maximum(seconds, 1e-9))
-    change, rate = np.concatenate(changes), np.concatenate(rates)
+            found.append(
+                (np.diff(angle)[moved - 1], np.diff(run.time)[moved - 1], np.diff(run.time[moved], prepend=-np.inf))
+            )
+    change, row, since = (np.concatenate(each) for each in zip(*found, strict=True)) if found else [np.zeros(0)] * 3
     if not data.actuators.rudders or not len(change):
         return math.inf
+    reading = float(since.min())
+    goes_on = (since < _ONE_READING * reading) & (np.sign(change) == np.sign(np.roll(change, 1)))
+    size = np.abs(change)
+    rate = size / np.maximum(reading if size[goes_on].sum() > 0.5 * size.sum() else row, 1e-9)
     order = np.argsort(rate)
-    return float(rate[order][np.searchsorted(np.cumsum(change[order]), 0.5 * change.sum())])
+    return float(rate[order][np.searchsorted(np.cumsum(size[order]), 0.5 * size.sum())])
 
 
 def simulate_turning_circle(model: PlanarModel, system: SteeringSystem, order: float) -> Track:

@@ -122,7 +122,9 @@ class PlanarGuess:
     propeller: tuple[str, float] = ("", 0.0)
 
 
-def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[ThrusterCommand]) -> PlanarGuess:
+def guess_planar(
+    logs: Sequence[Log], taken: set[str], commands: Sequence[ThrusterCommand], heading: SignalGuess | None = None
+) -> PlanarGuess:
     """Velocities and positions in columns that are not ``taken``, and the effects of the ``commands`` on the former."""
     free = _free_columns(logs, taken)
     signals: dict[str, SignalGuess] = {}
@@ -133,7 +135,13 @@ def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[Thrust
         motion = axis_signals(axis, free, free, "").get(axis.rate_signal)
         if motion is not None:
             signals[axis.rate_signal] = motion
-            effects[name] = command_effects(neutral, logs, motion) if neutral else {}
+    velocities = {
+        name: signals[AXES[name].rate_signal] for name in ("surge", "sway") if AXES[name].rate_signal in signals
+    }
+    for name, motion in velocities.items():
+        others = [one for other, one in velocities.items() if other != name]
+        turn = (heading, *others) if heading and others else ()
+        effects[name] = command_effects(neutral, logs, motion, turn=turn) if neutral else {}
     for guess in (_position, _fix):
         positions = {name: found for name in _MAP if (found := guess(name, free)) is not None}
         if len(positions) == len(_MAP) and len({one.unit in GEODETIC_UNITS for one in positions.values()}) == 1:
@@ -231,7 +239,8 @@ def _fix(name: str, columns: Columns) -> SignalGuess | None:
 def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
     """Lines of rovid.toml for the shares of a thruster along surge and sway, each marked as a guess.
 
-    A thruster that the logs show along neither is taken to push ahead; by its name to starboard.
+    A thruster that the logs show along neither is taken to push ahead; by its name to starboard. One that they show
+    along both is taken to stand at 45 deg.
     """
     shown: dict[str, CommandEffect] = {}
     for axis in ("surge", "sway"):
@@ -242,4 +251,6 @@ def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
         axis = "sway" if name_words(source) & _SIDEWAYS else "surge"
         yield from config_lines("share_assumed", axis=axis)
     for axis, effect in shown.items():
-        yield from config_lines("share_shown", axis=axis, share=f"{effect.direction:.1f}", evidence=effect.text)
+        yield from config_lines(
+            "share_shown", axis=axis, share=f"{effect.direction / math.sqrt(len(shown)):.2g}", evidence=effect.text
+        )

@@ -35,6 +35,8 @@ _COLLINEAR = 1e-3
 # Blocks of consecutive windows for the standard errors: enough for a variance within 25 %, each far longer than the
 # memory of a disturbance in a campaign of usual length.
 _BLOCKS = 32
+# Rows for each column of a turn; with fewer the errors are too small (Harrell 2015, section 4.4: 10 to 20).
+_MIN_ROWS = 20
 # Norm of a command beyond the other regressors, relative to its own norm, below which it is nothing but rounding.
 _ROUNDING = 1e-9
 # ArduPilot's demand of yaw torque, which its mixer distributes to the outputs.
@@ -84,6 +86,7 @@ def command_effects(
     *,
     self_righting: bool = False,
     exponents: Sequence[float] = _EXPONENTS,
+    turn: Sequence[SignalGuess] = (),
 ) -> dict[str, CommandEffect]:
     """Effects of commands, given by source with their ``neutral`` values, on the motion that ``position`` measures.
 
@@ -92,6 +95,8 @@ def command_effects(
     reverse the sign: as a check, changes of the rate are regressed on the changes of the commands that precede them.
     Of the ``exponents`` of thrust in the command the one that fits best applies: a straight line through a curve
     misfits each thruster's runs alone alike, which would look like doubt about its direction.
+
+    For surge or sway, ``turn`` is the heading and the velocity along the other one of both: a turn couples them.
     """
     effects = dict.fromkeys(neutral, CommandEffect())
     shaped = [[_shaped(log, neutral, exponent) for log in logs] for exponent in exponents]
@@ -99,7 +104,9 @@ def command_effects(
     for window in (interval * count for count in (_WINDOWS if neutral else ())):
         fits = []
         for these in shaped:
-            fit = _regress(_windowed(neutral, these, position, window, self_righting=self_righting), len(neutral))
+            fit = _regress(
+                _windowed(neutral, these, position, window, self_righting=self_righting, turn=turn), len(neutral)
+            )
             if fit is not None:
                 fits.append((fit, these))
         if not fits:
@@ -140,7 +147,7 @@ def response_delay(neutral: Mapping[str, float], log: Log, position: SignalGuess
     r2 = {0.0: 0.0}
     for delay in np.arange(-_MAX_CLOCK_OFFSET, _MAX_CLOCK_OFFSET + _CLOCK_STEP, _CLOCK_STEP).tolist():
         moved = {source: replace(log[source], time=log[source].time + delay) for source in neutral if source in log}
-        rows = _windowed(neutral, [{**log, **moved}], position, _CLOCK_WINDOW, self_righting=False)
+        rows = _windowed(neutral, [{**log, **moved}], position, _CLOCK_WINDOW)
         fit = _regress(rows, len(neutral))
         if fit is not None:
             r2[delay] = fit.r2
@@ -197,11 +204,19 @@ def _shaped(log: Log, neutral: Mapping[str, float], exponent: float) -> Log:
 
 
 def _windowed(
-    neutral: Collection[str], logs: Sequence[Log], position: SignalGuess, window: float, *, self_righting: bool
+    neutral: Collection[str],
+    logs: Sequence[Log],
+    position: SignalGuess,
+    window: float,
+    *,
+    self_righting: bool = False,
+    turn: Sequence[SignalGuess] = (),
 ) -> list[tuple[FloatArray, FloatArray]]:
     """For each log (n, 3 + k) rows of a constant, the rate before, its square and the mean commands, and (n,) rates.
 
-    A ``self_righting`` axis has the position as a further column in front of the commands.
+    A ``self_righting`` axis has the position as a further column in front of the commands; with a ``turn`` these are
+    the yaw rate, its product with the other velocity, and both as of a current, which turns with the heading. Logs too
+    short for that many columns go without them.
     """
     blocks = []
     for log, time, rate in _rates_in(logs, position, neutral, window):
@@ -210,10 +225,18 @@ def _windowed(
         columns = [np.ones(len(rate) - 1), rate[:-1], np.abs(rate[:-1]) * rate[:-1]]
         if self_righting:
             columns.append(position_at(position, log[position.source], time[1:-1]))
+        if turn and all(one.source in log for one in turn):
+            yaw, velocity = (np.diff(position_at(one, log[one.source], time)) / np.diff(time) for one in turn)
+            heading = position_at(turn[0], log[turn[0].source], 0.5 * (time[1:] + time[:-1]))
+            north, east = np.cos(heading), np.sin(heading)
+            for each in (yaw, yaw * velocity, north, east, yaw * north, yaw * east):
+                columns.append(0.5 * (each[1:] + each[:-1]))
         for source in neutral:
             command = _mean_command(log[source], time)
             columns.append(0.5 * (command[1:] + command[:-1]))
         blocks.append((np.column_stack(columns), rate[1:]))
+    if turn and blocks and sum(len(target) for _, target in blocks) < _MIN_ROWS * blocks[0][0].shape[1]:
+        return _windowed(neutral, logs, position, window, self_righting=self_righting)
     return blocks
 
 

@@ -130,8 +130,10 @@ def guess_rudder(
     source = angles[0]
     steered = [log for log in logs if source in log]
     ranks = {name: rank for name, column in columns.items() if (rank := _speed_rank(column))}
-    if {"u", "v"} <= {*columns}:  # The velocities along surge and sway; u alone may be a supply voltage.
-        ranks = {name: rank for name, rank in ranks.items() if name != "v"} | {"u": _NAMED}
+    # The velocities along surge and sway, as u_m_s and v_m_s; u alone may be a supply voltage.
+    ahead, aside = ([name for name in columns if name in {*ranks, one} and one in name_words(name)] for one in "uv")
+    if ahead and aside:
+        ranks = {name: rank for name, rank in ranks.items() if name not in aside} | dict.fromkeys(ahead, _NAMED)
     ranks = {name: rank for name, rank in ranks.items() if name in chosen} or _given_speed(columns, chosen) or ranks
     common = [name for name in ranks if all(name in log for log in steered)]
     speeds = sorted(common or ranks, key=lambda name: -ranks[name])

@@ -238,7 +238,7 @@ def _with_further(mapping: ColumnMapping, logs: Sequence[Log]) -> ColumnMapping:
 def _planar(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> dict[str, PlanarGuess]:
     found = {}
     for kind, mapping in mappings.items():
-        guess = guess_planar(read.logs[kind], set(mapping.sources), mapping.commands)
+        guess = guess_planar(read.logs[kind], set(mapping.sources), mapping.commands, mapping.signals.get("heading"))
         taken = mapping.signals.keys() & guess.signals.keys()
         found[kind] = replace(guess, signals={name: one for name, one in guess.signals.items() if name not in taken})
     return found

@@ -75,6 +75,10 @@ _OTHER_UNIT = re.compile(
 )
 
 
+# The field of a message that has one value.
+_FIELD = re.compile(r"(?i)\.(?:data|value)(?:\[\d+\]|\.\d+)?$")
+# Words of a yaw rate with the symbol r.
+_RATE_SYMBOL = {"r", "deg", "rad", "degs", "rads", "dps", "s", "data", "value"}
 # An error (e_psi, psi_e), an order (psi_d, psi_c, psi_r) or a difference (d_psi), by one letter.
 _LETTER = re.compile(r"(?i)(?:^|[/.\s])[ed]_(?=[a-z])|(?<=[a-z])_[edcr]\W*$")
 
@@ -219,8 +223,9 @@ def named_unit(source: str) -> str:
 
 
 def ending_unit(source: str) -> str:
-    """Unit of a motion in which the name ends; empty without one."""
-    return next((unit for unit, ending in _UNIT_ENDINGS.items() if ending.search(source)), "")
+    """Unit of a motion in which the name ends, but for the field of a message; empty without one."""
+    name = _FIELD.sub("", source)
+    return next((unit for unit, ending in _UNIT_ENDINGS.items() if ending.search(name)), "")
 
 
 def is_torque(column: SourceColumn) -> bool:
@@ -240,6 +245,9 @@ def is_yaw_rate(source: str) -> bool:
     if words & NOT_HEADING or is_error_or_order(source):
         return False
     if words & YAW_RATE_WORDS or {"rate", "turn"} <= words or (words & HEADING_WORDS and is_per_second(source)):
+        return True
+    # The SNAME symbol with a unit alone: r_deg_s; in wheel_r_deg_s it stands for right.
+    if "r" in words and words <= _RATE_SYMBOL and ending_unit(source) in {"deg/s", "rad/s"}:
         return True
     return bool(words & (HEADING_WORDS | {"z", "r"}) and words & RATE)
 

@@ -34,13 +34,17 @@ from rovid.preflight.raw_columns import (
     named_unit,
     word_list,
 )
-from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, guess_thrusters
+from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, azimuth_angles, guess_thrusters
 from rovid.trial.axis import HEADING_WORDS, YAW, YAW_RATE_WORDS, is_per_second, name_words
 
 # Signals that drive the vehicle.
 _DRIVES = ("torque", "yaw_rate_order")
 # Part of the reason of a heading that only its values reveal.
 UNNAMED = "no column is named a heading"
+_AZIMUTH = (
+    "{} is the angle of an azimuth thruster, by its name. Give that thruster position and azimuth in rovid.toml, as in "
+    "`rovid help files`; its force is only known with --axes planar."
+)
 # V or mV, range of the median of a supply.
 _SUPPLY_RANGE = (3.0, 1e5)
 _NOT_VOLTAGE = word_list("supply", "not_voltage") | COMMAND
@@ -121,9 +125,15 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
         missing.append(hints.axis.position_signal)
     if not (commands or rudders or "torque" in signals or hints.axis.self_righting):
         missing.append("command")
-    remarks = tuple(filter(None, [speed_question(free)])) if "command" in missing and hints.axis is YAW else ()
+    remarks = [speed_question(free)] if "command" in missing and hints.axis is YAW else []
+    if angles := ", ".join(azimuth_angles(free)):
+        remarks.append(_AZIMUTH.format(angles))
     mapping = ColumnMapping(
-        signals=signals, commands=commands, rudders=rudders, missing=tuple(missing), remarks=remarks
+        signals=signals,
+        commands=commands,
+        rudders=rudders,
+        missing=tuple(missing),
+        remarks=tuple(filter(None, remarks)),
     )
     return mapping.of(columns)
 

@@ -118,6 +118,7 @@ _SPEED = word_list("thruster", "speed")
 _FEEDBACK = word_list("thruster", "feedback")
 _NUMBERED = word_list("thruster", "numbered")
 _PERCENT = word_list("thruster", "percent")
+_AZIMUTH = word_list("thruster", "azimuth")
 _PILOT = word_list("thruster", "pilot")
 _FILLER = word_list("thruster", "filler") | (VOLTAGE - {"tension"})
 # us, range of pulse widths, the width of no thrust, and the largest distance of a command from it.
@@ -260,7 +261,8 @@ def _select_commands(columns: Columns, hints: GuessHints) -> dict[str, FloatArra
     """Finite values of each source that is a command."""
     if hints.commands:
         return {source: columns[source].values for source in hints.commands if source in columns}
-    changing = {source: column for source, column in columns.items() if column.changes}
+    angles = azimuth_angles(columns)
+    changing = {source: column for source, column in columns.items() if column.changes and source not in angles}
     varying = {source: column.values for source, column in changing.items()}
     outputs = [source for source in hints.outputs if source in columns]
     if outputs:
@@ -294,6 +296,11 @@ def _select_commands(columns: Columns, hints: GuessHints) -> dict[str, FloatArra
         if found:
             return found
     return {}
+
+
+def azimuth_angles(columns: Columns) -> list[str]:
+    """Sources that are the angle of an azimuth thruster by name."""
+    return [source for source, column in columns.items() if column.words & _AZIMUTH and column.varies]
 
 
 def _prefer(columns: dict[str, FloatArray], is_preferred: Callable[[str, FloatArray], bool]) -> dict[str, FloatArray]:

@@ -118,6 +118,13 @@ def test_the_rudder_moves_at_its_rate_in_the_runs() -> None:
     slow = planar_data(Campaign(trials=(replace(run, commands=held),), sources=()), data.vehicle)
     model = PlanarModel(base=np.array(TORPEDO.base), rudders=(RudderModel(name="rudder", position=(-0.9, 0.0)),))
     assert SteeringSystem.of(slow, model).rudder_rate == pytest.approx(0.05, rel=1e-6)
+    # Read once a second, in rows of 0.2 s.
+    held[:, 1] = np.repeat(held[::5, 1], 5)[: len(held)]
+    seldom = planar_data(Campaign(trials=(replace(run, commands=held),), sources=()), data.vehicle)
+    assert SteeringSystem.of(seldom, model).rudder_rate == pytest.approx(0.05, rel=1e-6)
+    # Orders jump, 5 s one after the other.
+    jump = 0.8 / float(np.diff(run.time).max())
+    assert SteeringSystem.of(data, model).rudder_rate == pytest.approx(jump, rel=1e-6)
 
 
 def test_errors_do_not_depend_on_units() -> None:

@@ -208,6 +208,8 @@ def test_u_next_to_v_is_the_surge_velocity() -> None:
     found = map_columns([log(psi=HEADING, u=SPEED, v=0.1 * ANGLE, delta=ANGLE)])
     assert [rudder.speed for rudder in found.rudders] == ["surge_velocity"]
     assert found.signals["surge_velocity"].source == "u"
+    found = map_columns([log(psi=HEADING, v_m_s=0.1 * ANGLE, u_m_s=SPEED, delta=ANGLE)])
+    assert found.signals["surge_velocity"].source == "u_m_s"
 
 
 def test_a_thruster_that_turns_the_vehicle_stays_next_to_a_rudder() -> None:

@@ -14,9 +14,10 @@ import pandas as pd
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.axis_guess import guess_planar, propeller_lines
+from rovid.preflight.axis_guess import guess_planar, propeller_lines, share_lines
 from rovid.preflight.planar_check import PlanarCheck, check_planar
-from rovid.preflight.raw_columns import RawColumn
+from rovid.preflight.raw_columns import RawColumn, SignalGuess
+from rovid.preflight.thruster_guess import ThrusterCommand
 from rovid.readers.campaign import read_campaign
 from rovid.trial.config import load_planar_config
 from rovid.trial.trial import Trial
@@ -222,3 +223,33 @@ def test_planar_and_a_single_axis_exclude_each_other(folder: Path, rovid: Rovid)
         done = rovid(command, folder, "--axes", "planar", "--axis", "surge")
         assert done.code == 2
         assert "--axes" in done.err
+
+
+def test_shares_of_vectored_thrusters_show_while_the_vehicle_turns() -> None:
+    """Without the turn, its centripetal acceleration would count as thrust."""
+    generator = np.random.default_rng(4)
+    shares = np.array([[0.7, 0.7, 0.3], [0.7, -0.7, -0.3], [0.7, -0.7, 0.3], [0.7, 0.7, -0.3]])
+    commands = np.repeat(generator.uniform(-1.0, 1.0, (60, 4)), 50, axis=0)
+    time = 0.1 * np.arange(len(commands), dtype=np.float64)
+    states, (u, v, r, heading) = [], np.zeros(4)
+    for surge, sway, yaw in commands @ shares:
+        states.append((u, v, heading))
+        u, v, r, heading = (
+            u + 0.1 * (0.5 * surge + r * v - 0.4 * u),
+            v + 0.1 * (0.3 * sway - r * u - 0.5 * v),
+            r + 0.1 * (2.0 * yaw - 0.8 * r),
+            heading + 0.1 * r,
+        )
+    noisy = np.array(states) + generator.normal(0.0, 0.005, (len(states), 3))
+    columns = dict(zip(("u_m_s", "v_m_s", "hdg"), noisy.T, strict=True))
+    columns |= {f"t{number}": commands[:, number] for number in range(4)}
+    logs = [{name: RawColumn(source=name, time=time, values=values) for name, values in columns.items()}]
+    found = [
+        ThrusterCommand(name=f"t{at}", source=f"t{at}", direction=0, neutral=0.0, lowest=-1.0, highest=1.0, reason="")
+        for at in range(4)
+    ]
+    guess = guess_planar(logs, {"hdg"}, found, SignalGuess(source="hdg", unit="rad", reason=""))
+    for axis, share in zip(("surge", "sway"), shares.T, strict=False):
+        assert [guess.effects[axis][one.source].direction for one in found] == np.sign(share).tolist()
+    text = "\n".join(share_lines("t1", [guess]))
+    assert ("surge = 0.71 " in text, "sway = -0.71 " in text) == (True, True)

@@ -1,11 +1,11 @@
-"""Mean rates from irregular, damaged or few samples."""
+"""Mean rates from irregular, damaged or few samples; units and yaw rates by name."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from rovid.preflight.raw_columns import RawColumn, SignalGuess, held_mean, mean_rates
+from rovid.preflight.raw_columns import RawColumn, SignalGuess, ending_unit, held_mean, is_yaw_rate, mean_rates
 
 HEADING = SignalGuess(source="heading", unit="deg", reason="")
 
@@ -26,3 +26,12 @@ def test_few_samples_give_no_rate() -> None:
 def test_means_are_those_of_a_zero_order_hold() -> None:
     time, values = np.array([0.0, 1.0, 3.0]), np.array([2.0, 4.0, 0.0])
     assert held_mean(time, values, np.array([0.0, 2.0, 4.0])) == pytest.approx([3.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "is_rate"),
+    [("/u_m_s.data", "m/s", False), ("/dvl.value[1]", "", False), ("/r_rad_s.data", "rad/s", True),
+     ("r_deg_s", "deg/s", True), ("wheel_r_rad_s", "rad/s", False)],
+)  # fmt: skip
+def test_a_name_has_a_unit_ahead_of_the_field_of_its_message(name: str, unit: str, is_rate: bool) -> None:
+    assert (ending_unit(name), is_yaw_rate(name)) == (unit, is_rate)

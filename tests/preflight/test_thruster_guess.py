@@ -7,6 +7,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.preflight.raw_columns import RawColumn, columns_by_source
+from rovid.preflight.signal_guess import map_columns
 from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, guess_thrusters, thruster_outputs, vehicle_type
 from rovid.trial.vehicle_presets import load_preset
 
@@ -133,6 +134,14 @@ def test_a_type_of_vehicle_determines_direction_and_arm() -> None:
         "port_cmd": 0.378,
         "stbd_cmd": -0.378,
     }
+
+
+def test_the_angle_of_an_azimuth_thruster_is_no_command() -> None:
+    columns = {"fore_cmd": held(), "fore_az": held(-170.0, 170.0), "aft_cmd": held(), "aft_azimuth": held(-90.0, 90.0)}
+    assert set(of(columns)) == {"fore_cmd", "aft_cmd"}
+    found = map_columns([{name: RawColumn(source=name, time=TIME, values=values) for name, values in columns.items()}])
+    (remark,) = found.remarks
+    assert remark.startswith("fore_az")
 
 
 def test_named_commands_are_used() -> None:
