@@ -229,8 +229,8 @@ def _windowed(
             yaw, velocity = (np.diff(position_at(one, log[one.source], time)) / np.diff(time) for one in turn)
             heading = position_at(turn[0], log[turn[0].source], 0.5 * (time[1:] + time[:-1]))
             north, east = np.cos(heading), np.sin(heading)
-            for each in (yaw, yaw * velocity, north, east, yaw * north, yaw * east):
-                columns.append(0.5 * (each[1:] + each[:-1]))
+            products = (yaw, yaw * velocity, north, east, yaw * north, yaw * east)
+            columns += [0.5 * (each[1:] + each[:-1]) for each in products]
         for source in neutral:
             command = _mean_command(log[source], time)
             columns.append(0.5 * (command[1:] + command[:-1]))
