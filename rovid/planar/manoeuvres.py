@@ -9,6 +9,7 @@ tracks are relative to the water: subtract the current first.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,7 +72,6 @@ class RecognisedManoeuvre:
     first: int
     last: int
     steering: float  #: Magnitude with sign of the first order.
-    threshold: float = 0.0  #: rad, change of heading at which a zigzag reverses.
 
 
 # ---- turning circle
@@ -289,32 +289,17 @@ def recognise(track: Track) -> list[RecognisedManoeuvre]:
     level = np.max(np.abs(track.steering), initial=0.0)
     if level == 0.0:
         return []
-    holds = _without_passing(_holds(track.steering, _HELD * level), track.steering)
-    orders = [hold for hold in holds if abs(track.steering[hold[0]]) > _LEAST_STEERING * level]
+    orders = _orders(track.steering, level)
     index = 0
     while index < len(orders):
-        chain = _zigzag_chain(track, orders[index:])
-        if len(chain) > 2 and _starts_straight(track, chain[0][0], chain[-1][1]):
-            first, last = chain[0][0], chain[-1][1]
-            course = track.heading[first]
-            turns = [abs(track.heading[begin] - course) for begin, _ in chain[1:]]
-            found.append(
-                RecognisedManoeuvre(
-                    kind="zigzag",
-                    first=first,
-                    last=last,
-                    steering=float(track.steering[first]),
-                    threshold=float(np.median(turns)),
-                )
-            )
-            index += len(chain)
-            continue
-        first, last = orders[index]
-        turned = abs(track.heading[last - 1] - track.heading[first])
-        if turned >= _FULL_TURN and _starts_straight(track, first, last):
-            order = float(track.steering[first])
-            found.append(RecognisedManoeuvre(kind="turning_circle", first=first, last=last, steering=order))
-        index += 1
+        chain, order = _zigzag_chain(track, orders[index:]), orders[index]
+        is_zigzag = len(chain) > 2 and _starts_straight(track, order.first, chain[-1].last)
+        last = chain[-1].last if is_zigzag else order.last
+        is_full = abs(track.heading[last - 1] - track.heading[order.first]) >= _FULL_TURN
+        if is_zigzag or (is_full and _starts_straight(track, order.first, last)):
+            kind = "zigzag" if is_zigzag else "turning_circle"
+            found.append(RecognisedManoeuvre(kind=kind, first=order.first, last=last, steering=order.steering))
+        index += len(chain) if is_zigzag else 1
     return found
 
 
@@ -324,6 +309,22 @@ def _starts_straight(track: Track, first: int, last: int) -> bool:
     before = np.abs(track.yaw_rate[max(first - _BEFORE, 0) : first + 1])
     ahead = track.surge[first]
     return bool(np.median(before) <= _STRAIGHT * np.nanmax(np.abs(track.yaw_rate[first:last]))) and not ahead <= 0.0
+
+
+class _Order(NamedTuple):
+    """A held steering, from row ``first``, where the steering leaves the order before, to ``last`` (excluded)."""
+
+    first: int
+    last: int
+    steering: float
+
+
+def _orders(steering: FloatArray, level: float) -> list[_Order]:
+    """The orders of a track whose largest steering is ``level``."""
+    holds = _without_passing(_holds(steering, _HELD * level), steering)
+    executes = [holds[0][0] if holds else 0, *(last for _, last in holds)]
+    every = (_Order(begin, last, float(steering[first])) for begin, (first, last) in zip(executes, holds, strict=False))
+    return [order for order in every if abs(order.steering) > _LEAST_STEERING * level]
 
 
 def _holds(steering: FloatArray, tolerance: float) -> list[tuple[int, int]]:
@@ -338,28 +339,27 @@ def _holds(steering: FloatArray, tolerance: float) -> list[tuple[int, int]]:
 
 
 def _without_passing(holds: list[tuple[int, int]], steering: FloatArray) -> list[tuple[int, int]]:
-    """The ``holds`` without those that a slow rudder passes on its way from one order to the next."""
+    """The ``holds`` without those that a slow rudder passes on its way from one order to the next, in one or more."""
     kept = []
     for at, (first, last) in enumerate(holds):
-        if 0 < at < len(holds) - 1:
-            (before, end), (after, later) = holds[at - 1], holds[at + 1]
-            low, high = sorted((steering[before], steering[after]))
-            short = last - first < _PASSING * min(end - before, later - after)
-            if short and low < steering[first] < high:
-                continue
-        kept.append((first, last))
+        long = (last - first) / _PASSING
+        before = next((begin for begin, end in reversed(holds[:at]) if end - begin > long), None)
+        after = next((begin for begin, end in holds[at + 1 :] if end - begin > long), None)
+        ends = sorted(float(steering[one]) for one in (before, after) if one is not None)
+        if len(ends) < 2 or not ends[0] < steering[first] < ends[1]:
+            kept.append((first, last))
     return kept
 
 
-def _zigzag_chain(track: Track, orders: list[tuple[int, int]]) -> list[tuple[int, int]]:
+def _zigzag_chain(track: Track, orders: list[_Order]) -> list[_Order]:
     """The first orders that make one zigzag."""
     chain = orders[:1]
-    course, size = track.heading[chain[0][0]], abs(track.steering[chain[0][0]])
+    course, size = track.heading[chain[0].first], abs(chain[0].steering)
     threshold = 0.0
     for order in orders[1:]:
-        before, steering = track.steering[chain[-1][0]], track.steering[order[0]]
-        turned = (track.heading[order[0]] - course) * np.sign(before)
-        alike = steering * before < 0.0 and abs(abs(steering) - size) < 0.1 * size
+        before = chain[-1].steering
+        turned = (track.heading[order.first] - course) * np.sign(before)
+        alike = order.steering * before < 0.0 and abs(abs(order.steering) - size) < 0.1 * size
         if not alike or not 0.0 < turned < 0.5 * np.pi:
             break
         threshold = threshold or turned

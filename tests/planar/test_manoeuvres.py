@@ -97,9 +97,10 @@ def test_a_zigzag_of_nomotos_model_is_recognised_and_measured() -> None:
     (found,) = recognise(run)
     assert found.kind == "zigzag"
     assert found.steering == pytest.approx(order)
-    # The order is given at the first sample beyond the threshold.
-    assert found.threshold == pytest.approx(threshold, abs=STEP * gain * order)
     part = run.part(found.first, found.last)
+    # The order is given at the first sample beyond the threshold.
+    reversed_at = int(np.flatnonzero(np.diff(part.steering))[0]) + 1
+    assert part.heading[reversed_at] - part.heading[0] == pytest.approx(threshold, abs=STEP * gain * order)
     measures = zigzag(part)
     reversals = np.flatnonzero(np.diff(part.steering)) + 1
     for index, name in enumerate(("first_overshoot", "second_overshoot")):
@@ -109,16 +110,19 @@ def test_a_zigzag_of_nomotos_model_is_recognised_and_measured() -> None:
     assert measures["period"].value == pytest.approx(STEP * (reversals[2] - reversals[0]))
 
 
-def test_a_zigzag_with_a_slow_rudder_is_recognised() -> None:
+@pytest.mark.parametrize("shares", [[0.6], [-0.5, 0.0, 0.5]])
+def test_a_zigzag_with_a_slow_rudder_is_recognised_and_counts_from_the_order(shares: list[float]) -> None:
     run = nomoto_zigzag(0.25, 4.0, np.radians(20.0), np.radians(20.0))
     steering = run.steering.copy()
     for row in np.flatnonzero(np.diff(np.sign(run.steering))) + 1:
-        steering[row : row + 4] = 0.2 * steering[row + 5]  # the rudder on its way
-    (found,) = recognise(replace(run, steering=steering))
-    assert found.kind == "zigzag"
-    whole = zigzag(run.part(*((one := recognise(run)[0]).first, one.last)))
-    slow = zigzag(run.part(found.first, found.last))
-    assert slow["second_overshoot"].value == pytest.approx(whole["second_overshoot"].value)
+        before, after = run.steering[[row - 1, row]]
+        way = np.repeat([0.5 * (before + after) + 0.5 * share * (after - before) for share in shares], 4)
+        steering[row : row + len(way)] = way  # the rudder on its way, by readings that are held
+    (found,), (whole,) = recognise(replace(run, steering=steering)), recognise(run)
+    assert (found.kind, found.first, found.last) == ("zigzag", whole.first, whole.last)
+    measures = zigzag(replace(run, steering=steering).part(found.first, found.last))
+    for name, one in zigzag(run.part(whole.first, whole.last)).items():
+        assert measures[name].value == pytest.approx(one.value), name
 
 
 def test_nomotos_gain_and_time_constant_are_recovered_within_their_errors() -> None:
@@ -152,6 +156,10 @@ def test_circles_are_recognised_and_straight_runs_are_not() -> None:
     assert found.first == len(straight)
     assert found.kind == "turning_circle"
     assert found.steering == pytest.approx(-0.6)
+    # A slow rudder: the turn counts from the order.
+    rows = np.arange(len(joined["time"])) - len(straight)
+    joined["steering"] = np.clip((rows + 1) / 8.0, 0.0, 1.0) * joined["steering"][-1]
+    assert [one.first for one in recognise(Track(**joined))] == [len(straight)]
     time = np.arange(0.0, 60.0, STEP)
     assert recognise(track(time, 0.01 * time, np.full(len(time), 0.3))) == []
     assert recognise(track(time, 0.0 * time, 0.0 * time)) == []
