@@ -41,6 +41,8 @@ _OWN_DELAY = 0.5
 
 # Time constants of the water's memory in periods of the cut-off. Shorter ones would stand for a clock that is early.
 _MEMORIES = (1.0, 4.0)
+#: Octaves of time constants, a basis of any slow linear response: water that swings back and forth is part of it.
+OCTAVES = (1.0, 2.0, 4.0, 8.0)
 
 #: (p, p), (p, m) and (m,) moments of p regressors, and of the torque at each of m shifts.
 Moments = tuple[FloatArray, FloatArray, FloatArray]
@@ -75,18 +77,19 @@ def shift_grid(runs: Sequence[Run]) -> tuple[int, int]:
 
 
 def response_delay(
-    runs: Sequence[Run], values: FloatArray | None = None, *, further: bool = False, of_sensor: bool = False
+    runs: Sequence[Run], values: FloatArray | None = None, *, memories: Sequence[float] = (), of_sensor: bool = False
 ) -> ResponseDelay | None:
     """The delay; None where the logs do not determine one within the range of the shifts.
 
     ``values``: (p,) parameters of the regression if they are known; only the last one, the trim, is fitted then. One
-    sine alone determines no delay without them. ``further``: whether a torque of the angle and of the water's memory
-    is part of it. ``of_sensor``: the delay of the logged rate after the position instead.
+    sine alone determines no delay without them. ``memories``: time constants of the water's memory in periods of the
+    cut-off, with which a torque of the angle is part of it. ``of_sensor``: the delay of the logged rate after the
+    position instead.
     """
     period = runs[0].rates.kernel.period
     step, reach = shift_grid(runs)
     stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
-    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period, further, of_sensor)]
+    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period, memories, of_sensor)]
     if len(blocks) < _MIN_BLOCKS:
         return None
     xx, xt, tt, variation = (np.array(each) for each in zip(*blocks, strict=True))
@@ -147,7 +150,7 @@ def coarse_delays(runs: Sequence[Run]) -> dict[str, float]:
 
 
 def _blocks(
-    run: Run, reach: int, step: int, stride: int, period: float, further: bool = False, of_sensor: bool = False
+    run: Run, reach: int, step: int, stride: int, period: float, memories: Sequence[float] = (), of_sensor: bool = False
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, float]]:
     """(p, p), (p, m) and (m,) moments of regressors and of the torque at each of m shifts; its variation."""
     rates = run.rates
@@ -162,11 +165,11 @@ def _blocks(
     columns = [rate] if of_sensor else [rates.acceleration[inside], np.abs(rate) * rate, rate]
     if run.trial.axis.self_righting and not of_sensor:
         columns += [np.sin(position), np.cos(position)]
-    elif further and not of_sensor:
+    elif memories:
         if run.trial.axis.angular:
             columns += [function(k * position) for k in (1.0, 2.0) for function in (np.sin, np.cos)]
         past = np.nan_to_num(rates.rate)
-        columns += [first_order(past, memory / rates.kernel.cutoff, period)[inside] for memory in _MEMORIES]
+        columns += [first_order(past, memory / rates.kernel.cutoff, period)[inside] for memory in memories]
     x = np.column_stack((*columns, np.ones(len(inside))))
     length = max(int(BLOCK / (rates.kernel.cutoff * period * stride)), 10)
     for first in range(0, len(inside), length):
@@ -219,7 +222,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     found = response_delay(data.runs) if data.runs else None
     if found is None:
         return
-    with_further = cache(partial(response_delay, data.runs, further=True))  # Only for logs that seem to be early.
+    with_further = cache(partial(response_delay, data.runs, memories=_MEMORIES))  # Only for logs that seem to be early.
     if _is_early(found, data.runs) and _is_early(with_further(), data.runs):
         yield Detection(fault=_early_motion(tuple(parts), found))
         return
@@ -234,7 +237,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         if own is None or not (_is_early(known, runs) and _is_early(own, runs)):
             continue
         common = with_further()
-        if common is None or _is_early(response_delay(runs, common.values, further=True), runs):
+        if common is None or _is_early(response_delay(runs, common.values, memories=_MEMORIES), runs):
             yield Detection(fault=_early_motion((name,), own))
     if joined and _is_offset(found.delay, found, data.runs):
         yield Detection(fault=_late_motion(tuple(parts), found))

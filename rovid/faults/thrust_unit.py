@@ -14,8 +14,10 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import Detection, Detectors, RunsData, named
+from rovid.faults.common_drive import unexplained
+from rovid.faults.common_torque import with_common_torque
 from rovid.faults.foreign_log import significant_groups
-from rovid.faults.quick_model import fit_quick_model, solved
+from rovid.faults.quick_model import QuickModel, fit_quick_model, solved
 from rovid.faults.unit_mismatch import mismatch_text, unit_of
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
@@ -50,13 +52,20 @@ _MAX_MISFIT = 0.7
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
-    reference = data.vehicle.reference_inertia
-    model = None if reference is None else fit_quick_model(data.runs, data.vehicle)
-    if model is None or min(log.misfit for log in model.logs) > _MAX_MISFIT:
+    reference, model = data.vehicle.reference_inertia, fit_quick_model(data.runs, data.vehicle)
+    if reference is None or model is None or min(log.misfit for log in model.logs) > _MAX_MISFIT:
         return
     others = partial(_others, data.runs, data.vehicle)
-    if fault := _fault(model.inertia, None, data.vehicle, _QUICK_LIMIT, others):
+    fault = _fault(model.inertia, None, data.vehicle, _QUICK_LIMIT, others)
+    if fault and not _is_possible(data.runs, data.vehicle, model, reference):
         yield Detection(fault=_command_unit(model.inertia, data.runs, data.vehicle, fault) or fault)
+
+
+def _is_possible(runs: Sequence[Run], vehicle: Vehicle, plain: QuickModel, reference: float) -> bool:
+    """Whether a torque that all logs share, and that explains no less, makes the inertia a possible one."""
+    models = (fit_quick_model(acting, vehicle) for acting in with_common_torque(runs, plain))
+    least, most = _QUICK_LIMIT * reference, _IMPOSSIBLE * reference
+    return any(model and least < model.inertia < most and unexplained(model) < unexplained(plain) for model in models)
 
 
 def _others(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:

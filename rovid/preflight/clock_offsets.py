@@ -27,7 +27,7 @@ from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, fit_innovations
 from rovid.estimate.nested_fits import fit_with_effects
 from rovid.estimate.output_error import fit_output_error
-from rovid.faults.clocks_apart import coarse_delays, response_delay
+from rovid.faults.clocks_apart import OCTAVES, coarse_delays, response_delay
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.formats import all_channels, relative_name
@@ -241,7 +241,7 @@ def _are_early(trials: Sequence[Trial], vehicle: Vehicle) -> bool:
     A vehicle that drifts at rest, or in a tank whose water swings back and forth, only seems to.
     """
     runs = prepare(Campaign(trials=tuple(trials), sources=()), vehicle.with_logged_torque(trials)).items
-    found = response_delay(runs, further=True)
+    found = response_delay(runs, memories=OCTAVES)
     return found is not None and found.delay < -SIGNIFICANT * found.error
 
 

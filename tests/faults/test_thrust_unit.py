@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rovid.faults.base import RunsData, examine
+from rovid.faults.quick_model import fit_quick_model
 from rovid.faults.thrust_unit import DETECTORS, inertia_fault
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
@@ -43,6 +44,21 @@ def test_the_unit_is_named_and_stops(vehicle: str, factor: float, unit: str, see
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_a_possible_inertia_gives_nothing(vehicle: str, ratio: float, seed: int) -> None:
     assert not faults(vehicle, 1.0, ratio, seed)
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_thrust_that_a_dead_zone_hides_makes_no_inertia_impossible(vehicle: str) -> None:
+    """Below half of the largest torque nothing is logged; another shape of the thrust makes the inertia possible."""
+    runs = []
+    for run in day(vehicle, 0):
+        size = np.abs(run.torque)
+        torque = np.sign(run.torque) * np.maximum(size - 0.5 * size.max(), 0.0)
+        runs.append(replace(run, torque=torque, filtered_torque=run.rates.filter_held(run.trial, torque)))
+    known = replace(LOGGED, rigid_body_inertia=VEHICLES[vehicle][0].inertia / 1.05)
+    model = fit_quick_model(runs, known)
+    assert model is not None
+    assert model.inertia < 0.55 * VEHICLES[vehicle][0].inertia
+    assert not examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=known), FaultOverrides())[1]
 
 
 def test_a_fit_is_refused_only_where_its_error_leaves_no_doubt() -> None:

@@ -228,8 +228,9 @@ def test_clock_offsets_in_a_generated_folder(index: int, twice: str, tmp_path: P
 
 
 @pytest.mark.slow
-def test_water_that_swings_in_a_tank_is_no_early_response(tmp_path: Path, rovid: Rovid) -> None:
-    write_campaign(tmp_path / "day", draw(78, 26))
+@pytest.mark.parametrize(("seed", "index"), [(78, 26), (91, 20)])
+def test_water_that_swings_in_a_tank_is_no_early_response(seed: int, index: int, tmp_path: Path, rovid: Rovid) -> None:
+    write_campaign(tmp_path / "day", draw(seed, index))
     document = rovid("check", "day", "--json").document
     assert not [one for one in document["clocks"] if one["certain"]]
     assert document["verdict"] == "care"
