@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import yaml
@@ -70,3 +71,15 @@ def test_parameters_of_the_first_release_are_read(tmp_path: Path) -> None:
         "thruster_lag.time_constant": 0.3,
     }
     assert [effect.key for effect in stored.model().effects] == ["thruster_lag"]
+
+
+def test_the_page_on_licences_has_every_dependency_and_names_the_copyleft_ones() -> None:
+    page = (ROOT / "docs" / "licences.md").read_text(encoding="utf-8")
+    listed = dict(re.findall(r"^\| (\S+) \| \S+ \| (.+) \|$", page, re.MULTILINE))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    groups = [project["dependencies"], *project["optional-dependencies"].values()]
+    direct = {re.split(r"[\[<>=]", text)[0] for texts in groups for text in texts} - {"rovid"}
+    assert direct < set(listed)
+    assert {"llvmlite", "kiwisolver"} < set(listed)  # what these need in turn
+    assert [name for name, licence in listed.items() if "GPL" in licence] == ["pymavlink"]
+    assert "copyleft licence: pymavlink" in page

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import re
+import contextlib
 import tomllib
-from importlib.metadata import PackageNotFoundError, metadata
+from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, metadata, requires
 from pathlib import Path
 from typing import Any
+
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "licences.md"
 # Texts of the licence field -> SPDX; a package that states none states it by its classifier.
 _SPDX = {
+    "Apache Software License": "Apache-2.0", "ISC License (ISCL)": "ISC", "any-OSI": "any that the OSI approves",
     "BSD": "BSD-3-Clause", "BSD License": "BSD-3-Clause", "3-Clause BSD License": "BSD-3-Clause", "MIT License": "MIT",
     "LGPLv3": "LGPL-3.0-or-later", "GNU Lesser General Public License v3 (LGPLv3)": "LGPL-3.0-or-later",
     "Python Software Foundation License": "PSF-2.0",
@@ -19,15 +23,24 @@ _SPDX = {
 
 
 def requirements() -> dict[str, str]:
-    """Name of each direct dependency -> the extra that brings it; empty for rovid itself."""
+    """Each package that is installed with rovid -> the extra that brings it; empty for rovid itself."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    groups = {"": project["dependencies"], **project["optional-dependencies"]}
     found: dict[str, str] = {}
-    for extra, wanted in groups.items():
-        for requirement in wanted:
-            name = re.split(r"[\[<>=!~ ]", requirement)[0]
-            if name != "rovid":
-                found.setdefault(name, extra)
+
+    def bring(text: str, extra: str, asked: Iterable[str] = ()) -> None:
+        wanted = Requirement(text)
+        name = wanted.name.lower().replace("_", "-")
+        needed = any(not wanted.marker or wanted.marker.evaluate({"extra": one}) for one in ("", *asked))
+        if not needed or name in {"rovid", *found}:
+            return
+        found[name] = extra
+        with contextlib.suppress(PackageNotFoundError):
+            for further in requires(name) or ():
+                bring(further, extra, wanted.extras)
+
+    for extra, texts in {"": project["dependencies"], **project["optional-dependencies"]}.items():
+        for text in texts:
+            bring(text, extra)
     return found
 
 
@@ -52,7 +65,8 @@ def page(known: dict[str, str]) -> str:
     copyleft = ", ".join(name for name, text in sorted(known.items()) if "GPL" in text)
     return f"""# Licences
 
-rovid is under the MIT licence. It includes no code of the packages below. pip installs them with it, or with the extra.
+rovid is under the MIT licence. It includes no code of the packages below. pip installs them with it, or with the extra:
+those that pyproject.toml names, and those that these need in turn.
 `python -m tools.licences` writes this page from the metadata of the installed packages.
 
 One of them is under a copyleft licence: {copyleft}, an optional reader (extra `ardupilot`, also in `logs`). rovid calls
