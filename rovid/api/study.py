@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -12,8 +12,10 @@ from typing import Any, Self
 
 from rovid.api import records
 from rovid.api import results as to
+from rovid.api.notebook import notebook_progress
 from rovid.compare.campaign_fit import CampaignFit, campaign_from_study
 from rovid.compare.comparison import compare as compare_campaigns
+from rovid.core.budget import ProgressCallback
 from rovid.core.errors import ConfigError, DataError
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import Effect, effect_named
@@ -31,12 +33,6 @@ from rovid.store.study import Study, open_study, study_of
 from rovid.trial.axis import PLANAR, YAW, Axis, axis_named
 from rovid.trial.config import Config, config_from, find_config, load_config
 from rovid.trial.trial import Trial
-
-Progress = Callable[[str], None]
-
-
-def _silent(_: str) -> None:
-    """No progress."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,6 +118,7 @@ class VehicleStudy:
             return open_study(self.paths, cutoff=self.cutoff, axis=self.axis)
         return study_of(campaign_of(self.trials, self.config), self.config, cutoff=self.cutoff)
 
+    @notebook_progress("Checking the logs …")
     def check(self) -> to.CheckRecord:
         """What is in the logs and what is wrong with them, as `rovid check`."""
         planar, config = self.axis is PLANAR, self.config
@@ -132,6 +129,7 @@ class VehicleStudy:
             found = (check_planar if planar else check_logs)(self.paths, config)
         return records.check_record(found, config.vehicle)
 
+    @notebook_progress("Fitting …")
     def fit(self, effects: Sequence[str] = (), *, gyro: bool = False) -> to.ModelRecord:
         """All parameters by maximum likelihood, as `rovid fit`.
 
@@ -156,6 +154,7 @@ class VehicleStudy:
         require_right_signs(self.logs)
         return records.fit_record(self.logs.likelihood(self._effects(effects), gyro=gyro), self.logs)
 
+    @notebook_progress("Simulating …")
     def simulate(self, model: to.ModelRecord | None = None) -> to.SimulationRecord:
         """Each run simulated freely from its first sample, and compared with the measurement, as `rovid simulate`.
 
@@ -169,7 +168,7 @@ class VehicleStudy:
         return records.simulation_record(_stored(model or self.fit()), self.coupled or self.logs)
 
     def diagnose(
-        self, *, budget: float | None = None, force: bool = False, progress: Progress = _silent
+        self, *, budget: float | None = None, force: bool = False, progress: ProgressCallback | None = None
     ) -> to.DiagnosisRecord:
         """What the simulation gets wrong and why, as `rovid diagnose`.
 
@@ -180,16 +179,19 @@ class VehicleStudy:
         force
             Diagnose logs with a fault that no fit survives, too.
         progress
-            Called with a line at each step; ``print`` shows them.
+            Called with a line at each step, as ``print``; None: a notebook shows the last line below the cell.
         """
-        if self.coupled is not None:
-            return records.diagnosis_record(self.coupled.diagnosis(progress, force=force, budget=budget), self.coupled)
-        logs = self.logs
-        if not force and (reversed_arms := reversed_thrusters(logs)):
-            return records.diagnosis_record(Diagnosis(verdict="bad_logs", missing=reversed_arms), logs)
-        seconds = logs.default_budget if budget is None else budget
-        return records.diagnosis_record(logs.diagnosis(progress, force=force, budget=seconds), logs)
+        with notebook_progress("Reading the logs …") as shown:
+            report, logs = progress or shown, self.logs
+            if self.coupled is not None:
+                found = self.coupled.diagnosis(report, force=force, budget=budget)
+                return records.diagnosis_record(found, self.coupled)
+            if not force and (reversed_arms := reversed_thrusters(logs)):
+                return records.diagnosis_record(Diagnosis(verdict="bad_logs", missing=reversed_arms), logs)
+            seconds = logs.default_budget if budget is None else budget
+            return records.diagnosis_record(logs.diagnosis(report, force=force, budget=seconds), logs)
 
+    @notebook_progress("Planning the next run …")
     def plan(
         self,
         between: Sequence[str] = (),
@@ -229,19 +231,22 @@ class VehicleStudy:
         return records.plan_record(self.logs.plan(self._effects(effects), causes, limits, narrow), self.logs.vehicle)
 
     def compare(
-        self, other: VehicleStudy, *, relevant_change: float = 0.1, progress: Progress = _silent
+        self, other: VehicleStudy, *, relevant_change: float = 0.1, progress: ProgressCallback | None = None
     ) -> to.ComparisonRecord:
         """What changed from this study (A) to the ``other`` (B), as `rovid compare`.
 
         ``relevant_change`` is the relative change of drag or inertia that has to be detectable.
         """
-        a, b = self._campaign("a"), other._campaign("b")
-        return records.comparison_record(compare_campaigns(a, b, relevant_change=relevant_change, report=progress))
+        with notebook_progress("Fitting both campaigns …") as shown:
+            a, b = self._campaign("a"), other._campaign("b")
+            found = compare_campaigns(a, b, relevant_change=relevant_change, report=progress or shown)
+            return records.comparison_record(found)
 
     def _campaign(self, side: str) -> CampaignFit:
         self._require_one_axis("compare")
         return campaign_from_study(self.logs, self.paths[0].resolve().name if self.paths else side)
 
+    @notebook_progress("Simulating …")
     def export(
         self,
         format: str,  # noqa: A002 - as the command's argument
