@@ -189,33 +189,33 @@ class ThrustScale:
 
 
 def scale_from_pulls(curve: FloatArray, measured: FloatArray, reference_error: float) -> ThrustScale:
-    """Regression through the origin of (n,) ``measured`` forces on those of the ``curve``, at independent readings.
+    """Ratio of (n,) ``measured`` forces to those of the ``curve``, at independent readings.
 
     Raises DataError if there are too few readings, or no thrust.
     """
-    value, error = _through_origin(curve, measured)
+    value, scatter, freedom = _proportion(curve, measured)
     return ThrustScale(
         value=value,
-        scatter=error / value,
-        degrees_of_freedom=len(curve) - 1,
+        scatter=scatter,
+        degrees_of_freedom=freedom,
         reference_error=reference_error,
-        method="regression of measured force on the curve's",
+        method="ratio of the measured forces to the curve's",
         readings=len(curve),
     )
 
 
 def scale_from_lifts(curve: FloatArray, weight: FloatArray, reference_error: float) -> ThrustScale:
-    """Inverse regression: the (n,) ``weight`` is known, and the thrust of the ``curve`` that holds it scatters.
+    """Ratio of the known (n,) ``weight`` to the thrust of the ``curve`` that holds it, which scatters.
 
     Raises DataError if there are too few readings, or no weight.
     """
-    slope, error = _through_origin(weight, curve)
+    slope, scatter, freedom = _proportion(weight, curve)
     return ThrustScale(
         value=1.0 / slope,
-        scatter=error / slope,
-        degrees_of_freedom=len(curve) - 1,
+        scatter=scatter,
+        degrees_of_freedom=freedom,
         reference_error=reference_error,
-        method="regression of the curve's thrust on the known weight",
+        method="ratio of the known weights to the curve's thrust",
         readings=len(curve),
     )
 
@@ -241,14 +241,24 @@ def scale_from_step(
     )
 
 
-def _through_origin(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Slope of y = slope * x, and its standard error from the residuals."""
-    if len(x) < _FEWEST:
-        raise DataError(f"there are {len(x)} readings; at least {_FEWEST} were expected.", mend="Repeat the test.")
-    size = float(x @ x)
-    slope = float(x @ y) / size if size > 0.0 else 0.0
+def _proportion(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
+    """Slope of y = slope * x, its standard error relative to it, and the error's degrees of freedom.
+
+    The ratio of the sums is the weighted regression for a variance that grows with x. The error allows for another
+    variance, constant or growing with x^2: HC2 of MacKinnon and White (1985), with the degrees of freedom of Bell and
+    McCaffrey (2002).
+    """
+    y, x = np.sign(x) * y, np.abs(x)
+    if (acting := np.count_nonzero(x)) < _FEWEST:
+        text = f"there are {acting} readings with a force; at least {_FEWEST} were expected."
+        raise DataError(text, mend="Repeat the test.")
+    total = float(np.sum(x))
+    slope = float(np.sum(y)) / total
     if not slope > 0.0:
-        text = "the measured force does not act in the sense of the curves' thrust, or there is no thrust."
+        text = "the measured force does not act in the sense of the curves' thrust."
         raise DataError(text, mend="Give pulls as positive forces, and commands that push the same way.")
-    residuals = y - slope * x
-    return slope, math.sqrt(float(np.sum(residuals**2)) / (len(x) - 1) / size)
+    share = x / total  # the leverage
+    error = math.sqrt(float(np.sum((y - slope * x) ** 2 / (1.0 - share)))) / total
+    spread = share**2 / (1.0 - share)
+    freedom = 1.0 / float(np.sum(share**2) + np.sum(spread) ** 2 - np.sum(spread**2))
+    return slope, error / slope, freedom

@@ -66,7 +66,7 @@ def test_wrong_tests_are_one_message(tmp_path: Path, rovid: Rovid) -> None:
         "fore_V,aft_V,pull\n1,1,2\n": "one of force_N, weight_N and torque_Nm",
         "bow,force_N\n1,2\n": "commands (fore_V, aft_V) were expected",
         "fore_V,force_N\n1,2\n900,3\n1,3\n": "fore_V leaves the curve of fore",
-        "fore_V,force_N\n1,2\n1,2\n": "2 readings; at least 3",
+        "fore_V,force_N\n1,2\n1,2\n": "2 readings with a force; at least 3",
     }.items():
         table.write_text(text)
         done = rovid("fit-thrust-scale", table)
