@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from benchmarks.challenge.rules import CAUSES, LABELS, LEVELS, PARAMETERS
@@ -30,7 +31,7 @@ def write_page(results: Results, documents: dict[str, Any], here: dict[str, Any]
     """Text of the page; written with a ``path``."""
     simulators = sorted({one["simulator"] for scores in results.values() for one in scores.values()})
     count = max((len(one) for one in results.values()), default=0)
-    parts = [_head(here, count, len(simulators)), _table("All campaigns", results, None)]
+    parts = [_head(here, count, len(simulators)), _table("All campaigns", results, None), _beside_another(results)]
     parts += [_table(f"Simulator {name}", results, name) for name in simulators]
     parts += [_campaigns(results), _rules(), _failures(documents)]
     text = "\n\n".join(one for one in parts if one) + "\n"
@@ -59,6 +60,17 @@ make challenge
 draws the campaigns of the last open round, runs all baselines, and writes this page.
 `python -m benchmarks.challenge.score build/challenge/round_{here["round"]} ANSWERS.json` scores other answers. It needs
 numpy and pandas, and not rovid."""
+
+
+def _beside_another(results: Results) -> str:
+    """Median and mean probability of rovid's entrants next to that of a comparable contest."""
+    own = [f"*{name}* {100 * summary(list(scores.values()))['median_p']:.0f} % "
+           f"(mean {100 * fmean(one['p'] for one in scores.values()):.0f} %)"
+           for name, scores in results.items() if name.startswith("rovid") and scores]  # fmt: skip
+    if not own:
+        return ""
+    return f"""A comparable contest, on engine faults (DX 2025), was won with a mean probability of the truth of 66 %.
+The median here is {", ".join(own)}."""
 
 
 def _row(name: str, one: dict[str, float]) -> str:
@@ -102,7 +114,7 @@ def _rules() -> str:
 All but rovid and the prior share one library of terms, which has no added mass with memory, no deviation of the
 compass, no waves and no seiche. The conversion of rovid's result to probabilities was set before any of these
 campaigns was drawn. The library of terms, and the scaling and the threshold of *sindy*, were still changed while the
-first round was run. A comparable contest on engine faults (DX 2025) was won with a probability of 66 % on the truth.
+first round was run.
 
 ## Scores
 

@@ -110,3 +110,6 @@ def test_a_folder_loses_its_configuration_and_its_held_out_heading(tmp_path: Pat
     here = {"round": 1, "sealed": "2026-01-01", "sha256": "0", "secret": None}
     page = write_page({"prior": scored(documents["prior"], truths)}, documents, here, None)
     assert "| prior | 1 of 1 | 0.03 |" in page
+    assert "DX 2025" not in page
+    page = write_page({"rovid": scored(documents["prior"], truths)}, documents, here, None)
+    assert "won with a mean probability of the truth of 66 %.\nThe median here is *rovid* 3 % (mean 3 %)." in page
