@@ -25,6 +25,8 @@ _LEAST_INTERVAL, _MOST_INTERVAL = 0.7, 1.4
 _FILLED = 0.8
 # Intervals by which a stamp may be off the regular one.
 _OFF_GRID = 0.3
+# Range of the errors of rounded stamps in steps of the rounding; the fit of the line is off by a little.
+_ROUNDED = 1.1
 # Share of repeated stamps whose values differ from the reading before, below which readings are stored twice.
 _NEW = 0.05
 
@@ -51,6 +53,8 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
     if not groups[1:].any():
         return
     exact = _with_own_stamps(data.time)
+    if exact is None:
+        exact = _unrounded(data.time, resolution)
     if exact is None and np.mean(fills[1:][groups[1:]]) < _FILLED:
         return
     count = int(repeated.sum())
@@ -83,6 +87,17 @@ def _with_own_stamps(time: FloatArray) -> FloatArray | None:
     if np.abs(late - whole).max() > _OFF_GRID or whole.min() < 0.0 or whole.max() > 1.0:
         return None
     return np.asarray(time + interval * whole)
+
+
+def _unrounded(time: FloatArray, resolution: float) -> FloatArray | None:
+    """(n,) s of a regular clock whose readings, rounded to the ``resolution``, are the stamps; None for other clocks.
+
+    The stamps are off by one step of the rounding at most. A spread from stamp to stamp would be off by as much.
+    """
+    rows = np.arange(len(time), dtype=np.float64)
+    interval, start = np.polyfit(rows, time, 1).tolist()
+    even = start + interval * rows
+    return even if interval > _TICK and np.ptp(time - even) <= _ROUNDED * resolution else None
 
 
 def _usual(steps: FloatArray, sizes: IntArray) -> float:

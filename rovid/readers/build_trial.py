@@ -36,7 +36,7 @@ from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, K
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
 from rovid.readers.time_base import TimeBase, TimedSeries, local_position, planar_readings
 from rovid.readers.timestamps import make_monotonic, timed_rows, without_rounding
-from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
+from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading, refuse_wrong_tilt
 from rovid.trial.axis import YAW
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault
@@ -111,7 +111,7 @@ class _Builder:
             text = f"{source} ({axis.rate_signal}) stays the same while the vehicle moves; left out."
             self.remark("frozen", len(rate), text)
             rate = None
-        if axis is YAW and not self.rate_only:
+        if (axis is YAW or axis.self_righting) and not self.rate_only:
             self.check_units(base.time, position, rate)
         extras = {}
         for key in series:
@@ -384,13 +384,16 @@ class _Builder:
         return cumulative(np.sum(steps * directions, axis=1), known, len(north))
 
     def check_units(self, time: FloatArray, heading: FloatArray, yaw_rate: FloatArray | None) -> None:
-        signal = self.config.signals["heading"]
+        signal = self.config.signals[self.axis.position_signal]
         try:
+            if self.axis.self_righting:
+                refuse_wrong_tilt(self.raw.channels[signal.name], signal, self.name)
+                return
             if yaw_rate is not None:
                 signals = (signal, self.config.signals["yaw_rate"])
                 if gyro_confirms_unit(time, heading, yaw_rate, signals, self.name):
                     return
-            refuse_wrong_heading(self.raw.channels["heading"], signal, heading, self.name)
+            refuse_wrong_heading(self.raw.channels[signal.name], signal, heading, self.name)
         except LogError as error:
             fault = Fault(fault="scaled_heading", logs=(self.name,), text=str(error), stops=True)
             self.faults.append(resolve(fault, self.config.faults))

@@ -16,6 +16,8 @@ _TURN_RAD, _TURN_DEG = 2.0 * math.pi, 360.0
 _MIN_RANGE = 3.5
 # Radians are logged with more than two decimals (half a degree); degrees often are not.
 _COARSE = 0.01
+# Share of the readings of a tilt that spikes leave.
+_MOST = 0.99
 # rad/s; no underwater vehicle keeps turning this fast.
 _MAX_RATE = 6.0
 # Even number of intervals in a window of the comparison of gyro and heading, and the smallest number of windows and
@@ -41,6 +43,20 @@ def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, 
         other = "rad" if signal.unit == "deg" else "deg"
         text = f"{channel.source} is declared in {names[signal.unit]} but looks like {names[other]}: {evidence}."
         raise LogError(text, where=where, mend=f'Set unit = "{other}" in [signals] heading.')
+
+
+def refuse_wrong_tilt(channel: Channel, signal: Signal, where: str) -> None:
+    """Raise `LogError` if a roll or pitch that is declared in radians turns the vehicle upside down, and more."""
+    values = channel.values[is_plausible(channel.values)]
+    if channel.radians or signal.unit != "rad" or not len(values):
+        return
+    largest = float(np.quantile(np.abs(values - np.median(values)), _MOST))
+    if largest > math.pi:
+        text = (
+            f"{channel.source} is declared in radians but looks like degrees: it reaches {largest:.3g} from its "
+            f"median, {largest / (2.0 * math.pi):.2g} turns in radians."
+        )
+        raise LogError(text, where=where, mend=f'Set unit = "deg" in [signals] {signal.name}.')
 
 
 def _evidence_of_radians(values: FloatArray) -> str:

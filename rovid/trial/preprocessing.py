@@ -10,12 +10,15 @@ from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import ConfigError, DataError
 from rovid.trial.axis import Axis
 from rovid.trial.rates import Rates, choose_cutoff, compute_rates, highest_cutoff
-from rovid.trial.segments import find_releases
+from rovid.trial.segments import find_releases, swing_level
 from rovid.trial.trial import Campaign, Remark, Trial
 from rovid.trial.vehicle import Vehicle
 
 # Resolution of the time stamps of a shifted trial, per sampling interval.
 _RESOLUTION = 50.0
+# Difference between the angles about which decays swing, over the largest swing, from which one log has another level:
+# smaller ones are a trim of all.
+_ANOTHER_LEVEL = 0.05
 
 
 def shift_commands(trial: Trial, delay: float) -> Trial:
@@ -171,10 +174,28 @@ def _usable_trials(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remar
         mend = f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm_key}."
         raise DataError(text, mend=mend)
     text = f"Only the free swings of these logs are used: {'; '.join(kept)}."
-    remarks = [Remark(kind="released", count=len(kept), text=text)]
+    found, shifted = _about_one_level(found)
+    remarks = [Remark(kind="released", count=len(kept), text=text), *shifted]
     if rejected:
         text = f"Left out, because they hold no decaying swings: {', '.join(rejected)}."
         remarks.append(Remark(kind="left out", count=len(rejected), text=text))
+    return found, remarks
+
+
+def _about_one_level(trials: Sequence[Trial]) -> tuple[list[Trial], list[Remark]]:
+    """The decays about one angle, and a remark on those that swing about another one, by ballast or a sensor's zero."""
+    levels = [swing_level(trial.position[trial.measured]) for trial in trials]
+    usual = float(np.nanmedian([level for level, _ in levels] or [np.nan]))
+    found, remarks = [], []
+    for trial, (level, largest) in zip(trials, levels, strict=True):
+        if abs(level - usual) > _ANOTHER_LEVEL * largest:
+            text = (
+                f"{trial.name} swings about {math.degrees(level):.3g} deg, and the usual log about "
+                f"{math.degrees(usual):.3g} deg: the difference, of ballast or of the sensor's zero, was subtracted."
+            )
+            remarks.append(Remark(kind="level", count=1, text=text))
+            trial = replace(trial, position=trial.position - (level - usual))  # noqa: PLW2901 - the decay as used
+        found.append(trial)
     return found, remarks
 
 

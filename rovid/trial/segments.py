@@ -248,6 +248,20 @@ def find_releases(trial: Trial) -> list[slice]:
     return found
 
 
+def swing_level(position: FloatArray) -> tuple[float, float]:
+    """Angle in rad about which (n,) ``position`` of a decay swings, and the largest swing from it; NaN without swings.
+
+    The mean of (p0 + 2 p1 + p2)/4 over extremes p in succession: swings that shrink by a constant ratio cancel.
+    """
+    tilt = position - np.median(position)
+    swings = _half_swings(tilt)
+    extremes = np.array([position[begin + int(np.argmax(np.abs(tilt[begin:end])))] for begin, end in swings])
+    if len(extremes) < 3:
+        return np.nan, np.nan
+    level = float(np.mean(0.25 * (extremes[:-2] + 2.0 * extremes[1:-1] + extremes[2:])))
+    return level, float(np.abs(extremes - level).max())
+
+
 def _let_go(time: FloatArray, size: FloatArray, peak: int, end: int) -> int:
     """Row of the peak of the half swing before row ``end``; if its tilt was held, the last row before it falls."""
     high, last = (peak + int(np.flatnonzero(size[peak:end] > s * size[peak])[-1]) for s in (_LET_GO, _AT_REST))

@@ -38,7 +38,7 @@ class Remark:
     """A fault that a reader found in a log, and its treatment.
 
     ``kind`` is a stable word for programs, such as duplicate, backward, missing, outlier, frozen, gap, truncated,
-    extrapolated, repeated, start, skipped, chosen, clock, joined, gyro, released, "left out".
+    extrapolated, repeated, start, skipped, chosen, clock, joined, gyro, released, level, "left out".
     """
 
     kind: str

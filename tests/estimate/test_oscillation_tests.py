@@ -293,6 +293,24 @@ def test_an_undamped_motion_is_no_release() -> None:
         prepare(Campaign(trials=(log_of(beats),), sources=()), Vehicle(name="ship", thrusters=(), axis=AXES["roll"]))
 
 
+def test_a_decay_about_another_angle_is_moved_to_that_of_the_others() -> None:
+    """By ballast, or because the sensor was set to zero in between."""
+    tilts = [swings(0.3, 40.0), swings(-0.2, 40.0), swings(0.25, 40.0) + 0.1]
+    logs = tuple(replace(log_of(tilt), name=name) for tilt, name in zip(tilts, "abc", strict=True))
+    runs = prepare(Campaign(trials=logs, sources=()), Vehicle(name="ship", thrusters=(), axis=AXES["roll"]))
+    released = [run.trial.position[0] - LEVEL for run in runs.items]
+    assert released == pytest.approx([0.3, -0.2, 0.25], abs=2e-3)
+    (remark,) = (one.text for one in runs.remarks if one.kind == "level")
+    assert remark.startswith("c swings about")
+
+
+def test_a_tilt_in_degrees_is_not_read_as_radians(tmp_path: Path, rovid: Rovid) -> None:
+    write(tmp_path / "day", {"one.csv": swings(-0.25, 60.0), "two.csv": np.degrees(swings(0.2, 60.0))})
+    document = rovid("check", tmp_path / "day", "--axis", "roll", "--json").document
+    (fault,) = document["faults"]
+    assert (document["verdict"], fault["fault"], fault["logs"]) == ("no_go", "scaled_heading", ["two.csv"])
+
+
 def test_period_damping_and_ratios_come_back(tmp_path: Path, rovid: Rovid) -> None:
     both = np.concatenate((pushed(0.3), swings(0.3, 60.0), pushed(-0.15), swings(-0.15, 40.0)))
     write(tmp_path / "day", {"both.csv": both, "one.csv": swings(-0.25, 60.0)})

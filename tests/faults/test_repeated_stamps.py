@@ -27,6 +27,17 @@ def test_milliseconds_of_a_fast_sensor_are_spread() -> None:
     assert np.abs(data.time - time).max() < 1.5e-3
 
 
+@pytest.mark.parametrize("interval", [0.0499, 0.031])
+def test_rounded_stamps_of_a_regular_clock_are_exact(interval: float) -> None:
+    time, heading, command = motion(3, interval=interval)
+    data, (fault,) = examined(clock(np.round(time, 1), heading=heading, fore=command))
+    assert fault.fault == "repeated_stamps"
+    error = data.time - time
+    # A common offset of half a step of the rounding is not known.
+    assert np.ptp(error) < 0.1 * interval
+    assert np.abs(error).max() < 0.05
+
+
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
 def test_stale_stamps_are_spread(seed: int, share: float) -> None:
