@@ -157,6 +157,7 @@ def parse_form(document: object) -> FormState:
                 if one.get("angle") is not None
             },
             names={_text(one["source"]): _text(one["name"]) for one in every if one.get("name")},
+            rudders={_text(name): _number(one, least=1e-9) for name, one in document.get("rudders", {}).items()},
             exclusions=tuple(exclusions),
         )
         name = document.get("vehicle", "")

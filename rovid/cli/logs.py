@@ -15,7 +15,7 @@ from rovid.cli.context import (
     reserve_outputs,
 )
 from rovid.cli.options import SharedOptions
-from rovid.core.errors import LINE_LENGTH, DataError, display_text
+from rovid.core.errors import LINE_LENGTH, DataError, display_text, shortened_list
 
 
 def init(
@@ -73,7 +73,11 @@ def check(logs: list[Path], *, shared: SharedOptions) -> None:
     if problems:
         name, problem = next(iter(problems.items()))
         bad = len(problems)
-        lead = f"{bad} of {bad + usable} logs cannot be used. " if name in problem else f"{name}: "
+        count = f"{bad} of {bad + usable} logs cannot be used"
+        if sys.stdout.isatty() and sys.stderr.isatty():
+            # The numbered list is on the same screen, and has the reason.
+            raise DataError(f"{count}: {shortened_list(problems)}.")
+        lead = f"{count}. " if name in problem else f"{name}: "
         raise DataError(f"{lead}{problem}")
 
 

@@ -145,9 +145,10 @@ class Conclusion:
 
     @property
     def is_settled(self) -> bool:
-        """Whether every cause is confirmed and nothing else is suspected, and no run is needed to name the causes."""
+        """Whether every cause is confirmed, or none was found, and no run is needed to name the causes."""
         confirmed = all(finding.evidence is Evidence.CONFIRMED for finding in self.findings)
-        return self.verdict == "found" and confirmed and not self.suspects and not self.signals
+        complete = self.verdict == "found" or (self.verdict == "nothing_found" and not self.is_cut_short)
+        return complete and confirmed and not self.suspects and not self.signals
 
     @property
     def causes(self) -> tuple[Finding, ...]:

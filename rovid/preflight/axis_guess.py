@@ -67,7 +67,8 @@ def _axis_rank(axis: Axis, words: set[str], unit: str) -> int:
         return 0
     if named - _DIRECTION or (named and (unit or words & _SPEED)):
         return 3
-    if words & set(_LETTERS[axis.name]) and (unit in _VELOCITY_UNITS or words & _SPEED):
+    # A rate next to a letter is an angular rate, as in RATE.Y.
+    if words & set(_LETTERS[axis.name]) and (unit in _VELOCITY_UNITS or words & _SPEED - {"rate"}):
         return 2
     return int(axis.name == "surge" and bool(words & _OVER_GROUND) and (not unit or unit in _VELOCITY_UNITS))
 

@@ -91,7 +91,9 @@ def assumptions_in(survey: LogSurvey) -> Assumptions:
     if survey.with_planar and rudders and not survey.curve and any(one.propeller[0] for one in survey.planar.values()):
         items.append("thrust_constant of propeller")
     unknown = "position" if survey.with_planar else "coefficient"
-    items += [f"{unknown if rudder.wheelbase is None else 'wheelbase'} of {name}" for name, rudder in rudders]
+    for name, rudder in rudders:
+        if rudder.given is None or survey.with_planar:
+            items.append(f"{unknown if rudder.wheelbase is None else 'wheelbase'} of {name}")
     return Assumptions(items=tuple(items), thrusters=len(thrusters) + len(rudders))
 
 
@@ -217,7 +219,10 @@ def _rudder_blocks(survey: LogSurvey) -> Iterator[str]:
             mark="" if survey.with_planar else "# ",
             behind='behind = "propeller"' if behind else '# behind = "NAME"',
         )
-        if rudder.wheelbase is None:
+        if rudder.given is not None:
+            what, unit = ("coefficient", "N m s^2/(m^2 rad)") if rudder.wheelbase is None else ("wheelbase", "m")
+            yield f"{what} = {rudder.given:.10g}    # {unit}"
+        elif rudder.wheelbase is None:
             yield "# coefficient =       # N m s^2/(m^2 rad): not in the logs; times and ratios hold without it"
         else:
             yield from config_lines("wheelbase", size=f"{rudder.wheelbase:g}")

@@ -71,6 +71,7 @@ class RudderGuess:
     angle: SignalGuess
     speed: str  #: Signal of the speed.
     wheelbase: float | None = None  #: m, estimated from the logs; None for a rudder.
+    given: float | None = None  #: Wheelbase in m, or coefficient of a rudder in N m s^2/(m^2 rad), by the user.
     direction_known: bool = True
 
 

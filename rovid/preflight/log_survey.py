@@ -53,6 +53,8 @@ class UserOverrides:
     #: Source of a command -> direction of its thrust in rad from the bow to starboard.
     directions: Mapping[str, float] = field(default_factory=dict)
     names: Mapping[str, str] = field(default_factory=dict)  #: Source of a command -> name of its thruster.
+    #: Name of a rudder -> its coefficient in N m s^2/(m^2 rad), or the wheelbase of steered wheels in m.
+    rudders: Mapping[str, float] = field(default_factory=dict)
     exclusions: tuple[Exclusion, ...] = ()
 
     def apply_to(self, mappings: Mapping[str, ColumnMapping]) -> dict[str, ColumnMapping]:
@@ -71,7 +73,11 @@ class UserOverrides:
         missing = []
         if not {"heading", "yaw_rate"} & {*signals}:
             missing.append("heading")
-        rudders = tuple(one for one in guessed.rudders if one.speed in signals and one.angle.source not in taken)
+        rudders = tuple(
+            replace(one, given=self.rudders.get(one.name))
+            for one in guessed.rudders
+            if one.speed in signals and one.angle.source not in taken
+        )
         mapping = ColumnMapping(signals=signals, commands=commands, rudders=rudders, remarks=guessed.remarks)
         if not mapping.actuation:
             missing.append("command")

@@ -53,7 +53,7 @@ def unit_symbol(text: str) -> str:
     """A unit with superscripts; empty for a dimensionless number."""
     if text == "1":
         return ""
-    return _UNITS.get(text, text)
+    return _UNITS.get(text) or text.replace("^2", "²").replace("^3", "³")
 
 
 def number_with_unit(text: str, unit: str) -> str:

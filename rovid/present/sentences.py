@@ -248,7 +248,8 @@ def next_step(diagnosis: Conclusion, run: Mapping[str, Any], guess: Assumptions,
         reason = "guesses of rovid init decide the values, and an error of a guess may stand for a cause"
         return NextStep(run=f"measure {guess.listing}", reason=reason)
     if diagnosis.is_settled:
-        text = f"each is confirmed; `{plan}` designs a run for the least certain parameter"
+        text = "each is confirmed" if diagnosis.findings else "none was found"
+        text += f"; `{plan}` designs a run for the least certain parameter"
         return NextStep(run="nothing more to run for the causes", reason=text)
     command = ""
     if "commands" in run:

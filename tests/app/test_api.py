@@ -75,6 +75,10 @@ def test_a_rudder_is_part_of_the_answer(tmp_path: Path) -> None:
     [rudder] = one.draft({"logs": ["day"]})["survey"]["rudders"]["csv"]
     assert (rudder["name"], rudder["source"], rudder["unit"]) == ("rudder", "helm_deg", "deg")
     assert "turns the heading down" in rudder["why"]
+    assert (rudder["size"], rudder["value"], rudder["given"]) == ("coefficient", None, False)
+    known = one.draft({"logs": ["day"], "rudders": {"rudder": 12.5}})
+    assert "coefficient = 12.5    # N m s^2/(m^2 rad)" in known["text"]
+    assert "coefficient of rudder" not in known["survey"]["guessed"]
     # Another role of its column takes it out.
     signals = {"heading": {"source": "hdg_deg", "unit": "deg"}, "helm": {"source": "helm_deg"}}
     document = one.draft({"logs": ["day"], "signals": {"csv": signals}, "commands": {}})

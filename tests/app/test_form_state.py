@@ -50,6 +50,7 @@ def test_a_form_is_parsed() -> None:
         WHOLE | {"commands": [1]},
         WHOLE | {"leave_out": [{"log": "a"}, {"from": 3}]},
         WHOLE | {"name": "x" * 10_000},
+        WHOLE | {"rudders": {"rudder": 0.0}},
     ],
 )
 def test_an_invalid_form_is_refused(wrong: object) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import http.server
 import json
+import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
+import rovid.app
 from rovid.trial.config import load_config
 from tests.app.conftest import logs_into, riddle
 from tests.app.served import Served, served
@@ -116,6 +118,31 @@ def test_from_a_folder_without_rovid_toml_to_the_report(browser: Browser, tmp_pa
     assert 0.0 < stretch.begin < stretch.end <= 264.0
     assert [(one.name, round(one.arm, 3)) for one in config.vehicle.thrusters] == [("b", 0.43), ("c", 0.43)]
     assert (top / "day" / "report" / "index.html").is_file()
+
+
+def test_all_logs_are_guessed_from_and_a_no_go_is_not_run(browser: Browser, tmp_path: Path) -> None:
+    """The first log is shown first. One thruster rests in this log, and the other format is not in it."""
+    top = tmp_path / "top"
+    logs_into(top / "day", "aft_only.csv", "hold_03.csv", "hold_06.mcap")
+    script = (Path(rovid.app.__file__).parent / "static" / "app.js").read_text(encoding="utf-8")
+    ahead = re.sub("const SMALL = [^;]*;", "const SMALL = 0;", script)
+    with served(top) as server, opened(browser, server) as page:
+        page.route("**/app.js", lambda route: route.fulfill(body=ahead, content_type="text/javascript"))
+        page.reload()
+        page.get_by_role("button", name="day (4 files)").click()
+        role(page, "supply_V").select_option("")  # while the other logs are read
+        headline(page, "Go with care")
+        assert page.locator("#thruster-table tbody tr").count() == 2
+        page.locator("#which").select_option("all")
+        assert role(page, "supply_V").input_value() == ""
+        page.locator("#time-unit").select_option("us")
+        headline(page, "No go")
+        page.locator("#run-button").click()
+        assert page.evaluate("document.activeElement.id") == "despite"
+        assert page.locator("#run-short").inner_text() == "The check says no go."
+        assert server.get("api/progress").document["state"] == "none"
+        page.get_by_label("run in spite of the check").check()
+        assert page.locator("#run-short").inner_text() == ""
 
 
 def another_folder_clears_all(page: Page, top: Path) -> None:
@@ -241,6 +268,9 @@ def test_a_rudder_and_the_unit_of_the_time_are_shown(browser: Browser, tmp_path:
         page.locator("#columns-said", has_text="in use: 3").wait_for()
         show_step(page, "thrusters")
         assert "its angle is helm_deg" in page.locator("#senses").inner_text()
+        page.locator("#t-rudder-rudder").fill("12,5")
+        page.locator("#t-rudder-rudder").press("Enter")
+        page.locator("#toml", has_text="coefficient = 12.5 ").wait_for(state="attached")
         show_step(page, "signals")
         page.locator("#time-unit").select_option("us")
         headline(page, "No go")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
+from rovid.preflight.axis_guess import guess_planar
 from rovid.preflight.raw_columns import RawColumn
 from rovid.preflight.signal_guess import map_columns
 from rovid.preflight.thruster_guess import GuessHints
@@ -265,6 +266,12 @@ def test_a_yaw_rate_alone_is_measured(name: str, factor: float, unit: str) -> No
     assert (found.measured.unit, found.measured.is_rate) == (unit, True)
     assert not found.missing
     assert found.commands[0].direction == 1
+
+
+def test_an_angular_rate_of_an_autopilot_is_no_sway() -> None:
+    waves = log(**{name: np.sin(TIME) for name in ("RATE.YDes", "RATE.Y", "vel_y")})
+    assert guess_planar([waves], {"vel_y"}, ()).signals == {}
+    assert guess_planar([waves], set(), ()).signals["sway_velocity"].source == "vel_y"
 
 
 @pytest.mark.parametrize(("axis", "name"), [("surge", "u_m_s"), ("sway", "sway_speed"), ("surge", "surge_vel [m/s]")])

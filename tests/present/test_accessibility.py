@@ -49,6 +49,8 @@ def test_the_guided_page(browser: Browser, tmp_path: Path, scheme: Literal["ligh
     with served(tmp_path) as server:
         page = browser.new_page(color_scheme=scheme, viewport={"width": width, "height": 900})
         page.goto(server.address)
+        page.locator("#run-short", has_text="Choose the folder").wait_for()
+        assert violations(page) == []
         page.get_by_role("button", name="day (3 files)").click()
         page.locator("#now-title", has_text="Go with care").wait_for()
         for step in page.locator("#steps button").all():

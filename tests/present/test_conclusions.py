@@ -27,6 +27,10 @@ def test_where_every_cause_is_confirmed_nothing_more_is_to_run(lagged: ReportDat
     diagnosis = lagged.diagnosis
     assert diagnosis is not None
     assert next_step(diagnosis, next_experiment(diagnosis), Assumptions()).run == "nothing more to run for the causes"
+    nothing = replace(diagnosis, verdict="nothing_found", findings=())
+    step = next_step(nothing, next_experiment(nothing), Assumptions())
+    assert step.run == "nothing more to run for the causes"
+    assert step.reason.startswith("none was found; `rovid plan` designs")
     guess = Assumptions(items=("curve of aft",), thrusters=1)
     assert next_step(diagnosis, next_experiment(diagnosis), guess).run == "measure curve of aft"
     (finding,) = diagnosis.findings

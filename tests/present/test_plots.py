@@ -48,6 +48,15 @@ def test_every_axis_has_a_label_with_a_unit(day: ReportData) -> None:
             assert all(any(unit in label.replace("\n", " ") for unit in UNITS) for label in shown), (name, shown)
 
 
+def test_residuals_of_free_swings_have_no_panel_of_torque(day: ReportData) -> None:
+    assert day.runs is not None
+    items = residual_torques(day.runs.items, day.parameters.model(), day.vehicle)
+    free = [replace(item, thruster_torque=np.zeros_like(item.thruster_torque)) for item in items]
+    shown = [[axes.get_xlabel() for axes in trials.plot_residuals(one, 1.0).axes] for one in (items, free)]
+    assert len(shown[0]) == 5
+    assert shown[1] == [label for label in shown[0] if label != "torque, N m"]
+
+
 @pytest.mark.slow
 def test_no_text_leaves_the_figure(day: ReportData) -> None:
     for name, figure in figures(day).items():

@@ -18,6 +18,10 @@ let columns = new Map(); // "format|source" -> {kind, source, role, name, unit, 
 let thrusters = new Map();
 let vehicle = "", title = "", size = {}, stretches = [], timeUnit = "auto";
 let draft = null, checked = null, saved = false, running = false;
+// While rovid guesses from all logs, the user may change a column: `given` has those columns, null for an unused one.
+let guessing = false, given = new Map();
+// Rudder -> its coefficient, or the wheelbase of steered wheels, as the user gave it.
+let rudders = {};
 // Logs of this size in bytes are read as a whole before the first plot; of larger ones, the first log is read ahead.
 const SMALL = 4e6;
 
@@ -58,8 +62,10 @@ let choosing = 0;
 
 // Forget all about the last folder.
 function clear() {
-  [look, draft, checked, saved, logs] = [null, null, null, false, []];
+  [look, draft, checked, saved, logs, guessing, rudders] = [null, null, null, false, [], false, {}];
+  byId("despite").checked = false;
   columns = new Map();
+  given = new Map();
   thrusters = new Map();
   [vehicle, title, size, stretches, shownColumns, timeUnit] = ["", "", {}, [], [], "auto"];
   for (const id of ["rows", "check-said", "check-more", "run-steps", "run-warnings", "leave-list", "not-read", "senses", "commands", "toml", "log", "leave-log"]) byId(id).replaceChildren();
@@ -85,18 +91,22 @@ async function choose(names) {
     showLogs();
     recall(look.chosen ?? look.existing?.choice);
     const bytes = look.logs.reduce((sum, one) => sum + one.bytes, 0);
-    if (bytes > SMALL && look.logs.length > 1 && !columns.size) {
+    guessing = !columns.size;
+    if (bytes > SMALL && look.logs.length > 1 && guessing) {
       await refresh({ asGuessed: true, of: [look.logs[0].path] });
       if (own !== choosing) return;
       await openLog();
       go("signals");
       headlines("Reading all logs …");
     }
-    await Promise.all([refresh({ asGuessed: !columns.size }), shownColumns.length ? null : openLog()]);
+    await Promise.all([refresh({ asGuessed: guessing }), shownColumns.length ? null : openLog()]);
     if (own !== choosing) return;
+    if (guessing && given.size) refreshSoon();
+    guessing = false;
   } catch (error) {
     if (own !== choosing) return;
     look = null;
+    guessing = false;
     go("logs");
     headlines();
     trouble(error);
@@ -128,6 +138,7 @@ function recall(chosen) {
   if (chosen.axes === "planar") document.querySelector("input[name=axes][value=planar]").checked = true;
   [vehicle, title, size, stretches] = [chosen.vehicle ?? "", chosen.name ?? "", chosen.size ?? {}, chosen.leave_out ?? []];
   timeUnit = chosen.time_unit ?? "auto";
+  rudders = chosen.rudders ?? {};
   for (const [name, place] of Object.entries(chosen.places ?? {})) thrusters.set(name, place);
   for (const [kind, those] of Object.entries(chosen.signals ?? {})) {
     for (const [name, { source, unit, sign }] of Object.entries(those)) put(kind, source, name, { unit, sign });
@@ -150,7 +161,7 @@ function put(kind, source, role, more = {}) {
 const planar = () => document.querySelector("input[name=axes]:checked").value === "planar";
 
 function choice({ asGuessed = false, of = logs } = {}) {
-  const document = { logs: of, vehicle, name: title, size, time_unit: timeUnit, leave_out: stretches, places: Object.fromEntries(thrusters), axes: planar() ? "planar" : "" };
+  const document = { logs: of, vehicle, name: title, size, time_unit: timeUnit, leave_out: stretches, places: Object.fromEntries(thrusters), rudders, axes: planar() ? "planar" : "" };
   if (asGuessed) return { ...document, signals: null, commands: null };
   const signals = {}, commands = {};
   for (const { kind, source, role, name, unit, sign } of columns.values()) {
@@ -179,6 +190,11 @@ async function refresh({ asGuessed = false, of = undefined, signal = undefined }
       // If some commands are known to turn the vehicle, the user has to choose the others.
       for (const { source, name, turns, told } of those) if (turns || !told || !turning) put(kind, source, "command", { name });
     }
+    for (const [id, one] of given) {
+      if (one) only(one);
+      columns.delete(id);
+      if (one) columns.set(id, one);
+    }
   }
   adoptArms();
   show();
@@ -201,7 +217,10 @@ function adoptArms() {
 const refreshSoon = soon((signal) => refresh({ signal }), 250);
 let checking = false;
 const checkSoon = soon(async (signal) => {
-  const answer = await ask("check", { body: choice(), signal });
+  const answer = await ask("check", { body: choice(), signal }).catch((error) => {
+    checking = error.name === "AbortError"; // a newer check goes on
+    throw error;
+  });
   if (answer.stale) return check();
   [checked, checking] = [answer, false];
   return showCheck();
@@ -219,7 +238,7 @@ function check() {
 function changed() {
   saved = false;
   trouble(null);
-  refreshSoon();
+  if (!guessing) refreshSoon();
 }
 
 // ---- 2. columns
@@ -289,18 +308,23 @@ function columnRow(kind, { source, samples, lowest, highest }) {
     for (const each of units) element("option", each, unit, { value: each });
     unit.value = own.unit || units[0];
     unit.disabled = theirs();
-    unit.addEventListener("change", () => { columns.get(id).unit = unit.value; changed(); });
+    unit.addEventListener("change", () => alter(id, { unit: unit.value }));
   }
   if (own.role && !["command", "extra", "supply_voltage"].includes(own.role)) {
     const label = element("label", "", line), turned = element("input", "", label, { type: "checkbox", checked: own.sign < 0, disabled: Boolean(theirs()) });
     label.append(" sign reversed");
-    turned.addEventListener("change", () => { columns.get(id).sign = turned.checked ? -1 : 1; changed(); });
+    turned.addEventListener("change", () => alter(id, { sign: turned.checked ? -1 : 1 }));
   }
   const declared = own.unit || "";
   const range = samples ? `${tidy(lowest)} to ${tidy(highest)}, ${samples} readings` : "no numbers in this log";
   element("p", why(kind, source) || range, side, { class: "why soft" });
   element("div", "", row, { class: "chart", "data-source": source, "data-used": own.role || (rudder ? "command" : ""), "data-unit": declared || rudder?.unit || "", role: "img", "aria-label": `${source} over time: ${range}` });
   return row;
+}
+
+function alter(id, values) {
+  given.set(id, Object.assign(columns.get(id), values));
+  changed();
 }
 
 // Replace a row in place, because the rows must not move while the user chooses.
@@ -325,18 +349,22 @@ function turn(kind, source, role) {
   const before = columns.get(key(kind, source)), others = [source];
   columns.delete(key(kind, source));
   if (role) {
-    // There is one heading and one gyro: the previous column of this role becomes unused.
-    if (!["command", "extra"].includes(role)) {
-      for (const [id, one] of columns) {
-        if (one.kind === kind && one.role === role && columns.delete(id)) others.push(one.source);
-      }
-    }
+    others.push(...only({ kind, role }));
     const name = role === "command" || role === "extra" ? nameFor(source) : "";
     put(kind, source, role, { name, unit: look.units[role]?.[0] ?? "" });
   }
+  given.set(key(kind, source), columns.get(key(kind, source)) ?? null);
   hear(`${source}: ${ROLES[role]}${before?.role ? `, previously ${ROLES[before.role]}` : ""}.`);
   changed();
   return others;
+}
+
+// There is one heading and one gyro: the previous column of this role becomes unused. Returns the previous column.
+function only({ kind, role }) {
+  if (["command", "extra"].includes(role)) return [];
+  const previous = [...columns].filter(([, one]) => one.kind === kind && one.role === role);
+  for (const [id] of previous) columns.delete(id);
+  return previous.map(([, { source }]) => source);
 }
 
 function nameFor(source) {
@@ -395,12 +423,35 @@ function showThrusters() {
     const arm = theirs() ? "arm of rovid.toml" : one.hand ? "arm entered by you" : told?.arm ? "arm from the vehicle type" : "arm unknown: 1 m is used as a placeholder";
     notes.push(element("li", `${name}: ${arm}${told ? `; ${told.why}` : ""}`));
   }
-  for (const { name, source, why: reason } of theirs() ? [] : Object.values(draft?.survey.rudders ?? {}).flat()) {
-    notes.push(element("li", `${name}: its angle is ${source}; ${reason}. No log holds its coefficient: if you know it, enter it in rovid.toml. Times and ratios are valid without it.`));
+  for (const one of allRudders()) {
+    const item = element("li", `${one.name}: its angle is ${one.source}; ${one.why}. ${planar() ? "" : RUDDER_SIZES[one.size].words}: `);
+    if (!planar()) rudderField(one, item).id = `t-rudder-${one.name}`;
+    notes.push(item);
   }
   if (!notes.length) notes.push(element("li", "No thrusters yet: choose in the step Signals which columns command thrusters."));
   byId("senses").replaceChildren(...notes);
   byId("thruster-table").hidden = !thrusters.size;
+}
+
+const RUDDER_SIZES = {
+  coefficient: { words: "Its coefficient, N m s²/(m² rad)", why: "is not in the logs. Without it inertia and drag have an unknown common scale; times and ratios are valid." },
+  wheelbase: { words: "Its wheelbase, m", why: "is estimated from these logs. Enter the measured wheelbase." },
+};
+const allRudders = () => (theirs() ? [] : Object.values(draft?.survey.rudders ?? {}).flat());
+
+// An input for the size of a rudder or of steered wheels: empty for what the logs show.
+function rudderField({ name, size: what, value }, parent = null) {
+  const attributes = { "aria-label": `${name}: ${what}`, inputmode: "decimal", size: 8, "data-asks": name, value: rudders[name] ?? "", placeholder: value ? String(value) : "" };
+  const input = element("input", "", parent, attributes);
+  input.addEventListener("change", () => {
+    const size_ = typed(input.value), fine = size_ === null || size_ > 0;
+    input.setAttribute("aria-invalid", String(!fine));
+    if (!fine) return;
+    if (size_ === null) delete rudders[name];
+    else rudders[name] = size_;
+    changed();
+  });
+  return input;
 }
 
 const FIELDS = { x: "ahead, m", y: "to starboard, m", angle: "direction, degrees from the bow", arm: "yaw arm, m" };
@@ -505,6 +556,7 @@ function showCheck() {
   const { tasks, notes, caution, document } = checked;
   const said = byId("check-said"), more = byId("check-more");
   said.className = "";
+  byId("despite-line").hidden = !noGo();
   said.replaceChildren(...(tasks.length ? [] : [element("p", "Nothing is to be done before a fit.")]));
   const list = element("ol", "", said);
   for (const task of tasks) list.append(advice(task));
@@ -624,10 +676,17 @@ function showReport(report, file) {
   return undefined;
 }
 
+const noGo = () => checked?.verdict === "no_go";
+
 // What keeps the run from starting: {text, step, at}; null if nothing does.
 function obstacle() {
   if (!draft) return { text: "Choose the folder that holds your logs.", step: "logs", at: "folder" };
-  return questions().find(({ needed }) => needed) ?? null;
+  if (guessing) return { text: "All logs are being read.", step: "signals" };
+  const asked = questions().find(({ needed }) => needed);
+  if (asked) return asked;
+  if (checking) return { text: "The check goes on.", step: "check" };
+  if (noGo() && !byId("despite").checked) return { text: "The check says no go.", step: "check", at: "despite" };
+  return null;
 }
 
 byId("run-button").addEventListener("click", async () => {
@@ -653,6 +712,7 @@ byId("run-button").addEventListener("click", async () => {
   if (own === choosing && !byId("report").hidden && byId("run-said").dataset.state === "done") go("result", "report-link");
   return undefined;
 });
+byId("despite").addEventListener("change", () => headlines());
 byId("cancel-button").addEventListener("click", () => ask("cancel", { body: {} }));
 
 for (const each of document.querySelectorAll("input[name=axes]")) {
@@ -682,6 +742,9 @@ function questions() {
   const open = new Set(asked.map(({ at }) => at));
   for (const name of unknown.slice(0, 4).filter((each) => !open.has(`t-arm-${each}`))) {
     asked.push({ text: `The yaw arm of ${name} is not known; 1 m is a placeholder. Enter it in m:`, step: "thrusters", at: `t-arm-${name}`, field: () => armField(name) });
+  }
+  for (const one of planar() ? [] : allRudders().filter(({ given: known }) => !known)) {
+    asked.push({ text: `The ${one.size} of ${one.name} ${RUDDER_SIZES[one.size].why}`, step: "thrusters", at: `t-rudder-${one.name}`, field: () => rudderField(one) });
   }
   if (draft.survey.curve.guessed && thrusters.size) asked.push({ text: curveWords(), step: "thrusters", at: "curve" });
   return asked;
@@ -789,7 +852,7 @@ function headlines(reading = "") {
   mark("logs", draft ? "done" : "");
   mark("signals", needed.some((one) => one.step === "signals") ? "open" : draft ? "done" : "");
   mark("thrusters", asked.some((one) => one.step === "thrusters") ? "open" : draft ? "done" : "");
-  mark("check", checked && !checking ? (checked.verdict === "no_go" ? "open" : "done") : "");
+  mark("check", checked && !checking ? (noGo() ? "open" : "done") : "");
   mark("run", running ? "" : { done: "done", failed: "open" }[state] ?? "");
   mark("result", byId("report").hidden ? "" : "done");
   byId("run-button").hidden = running;

@@ -215,6 +215,8 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> fits.Document
         ]
         rudders[kind] = [
             {"name": one.name, "source": one.angle.source, "unit": one.angle.unit, "why": one.angle.reason}
+            | {"size": "coefficient" if one.wheelbase is None else "wheelbase"}
+            | {"value": one.wheelbase if one.given is None else one.given, "given": one.given is not None}
             for one in mapping.rudders
         ]
         unused[kind] = list(mapping.unused)

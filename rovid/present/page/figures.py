@@ -213,7 +213,7 @@ def _residuals(report: ReportData) -> Iterator[FigureDraft]:
         "residuals",
         trials.plot_residuals(items, report.runs.cutoff),
         caption=f"Residual {force} against rate, {force} and time, its autocorrelation, and its spectrum.",
-        alt=f"Five panels of the residual {force}: against {axis.rate_words}, against {force}, over time, "
+        alt=f"Panels of the residual {force}: against {axis.rate_words}, against {force}, over time, "
         "its autocorrelation and its spectrum.",
     )
 
@@ -286,7 +286,7 @@ def _left_over(report: ReportData) -> Iterator[FigureDraft]:
         trials.plot_residual_comparison(before, after, runs.cutoff),
         caption=f"The {force} that the model does not explain, by the plain and the extended model: {was} and {now} "
         f"{unit} root mean square.",
-        alt=f"Five panels of the residual {force}: {was} {unit} root mean square by the plain model, {now} {unit} "
+        alt=f"Panels of the residual {force}: {was} {unit} root mean square by the plain model, {now} {unit} "
         "with the causes.",
     )
 

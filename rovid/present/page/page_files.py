@@ -69,7 +69,7 @@ def template_environment(*packages: str) -> Environment:
     environment.filters["bound"] = bind_units
     environment.filters["code"] = _with_code
     environment.filters["number"] = lambda value, form=".4g": format_number(value, form)
-    environment.filters["prose"] = as_sentence
+    environment.filters["prose"] = lambda text: _with_code(as_sentence(text))
     environment.filters["unit"] = unit_symbol
     environment.filters["plain"] = lambda value, digits=4: equal_decimals([value], digits)[0]
     environment.filters["short"] = lambda value: equal_decimals([value], 2)[0]
@@ -80,7 +80,8 @@ def template_environment(*packages: str) -> Environment:
 def _with_code(text: str) -> Markup:
     """``text`` with bound units, and its parts between backticks as code."""
     marks = itertools.cycle((Markup("{}"), Markup("<code>{}</code>")))
-    return Markup("").join(mark.format(part) for mark, part in zip(marks, bind_units(text).split("`"), strict=False))
+    parts = bind_units(escape_invisible(text)).split("`")
+    return Markup("").join(mark.format(part) for mark, part in zip(marks, parts, strict=False))
 
 
 def long_date(day: date) -> str:

@@ -143,14 +143,16 @@ def render_page(report: ReportData, figures: ReportFigures, *, today: date) -> s
 
 def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[str, Any]:
     """Variables of the page's templates."""
-    axis, simulations = report.axis, report.simulations
+    # Without an inertia there is no model of the parameters, and the simulations are those of the diagnosis.
+    axis, simulations = report.axis, report.simulations_with
     all_trials = report.campaign.trials if report.campaign else ()
     missing = list(_missing_parameters(report))
     residual_sizes = None
-    if report.runs is not None and simulations:
+    if report.runs is not None and report.simulations:
         residual_sizes = rms_sizes(unexplained_torques(report.runs, report.parameters.model(), report.vehicle))
     return vars(report) | {
         "report": report,
+        "simulations": simulations,
         "fault_texts": fault_texts(report.faults),
         "axis": axis,
         "steady": steady_state_words(axis),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rovid.core.array_types import FloatArray
 from rovid.model.simulation import HORIZONS, TrialSimulation, simulation_errors
+from rovid.present.number_format import rounded_errors
 from rovid.present.plots.canvas import min_max_indices
 from rovid.present.report_data import ReportData, effects_of, worst_first
 from rovid.present.sentences import effect_title
@@ -57,15 +58,17 @@ def viewer_document(report: ReportData) -> dict[str, Any]:
             {"rows": level.shape[1], "data": base64.b64encode(level.tobytes()).decode()} for level in trial.levels
         ]
         trials.append({"name": trial.name, "samples": trial.samples, "levels": levels, "missed": missed})
+    every = [_errors_document(axis, side) for side in simulations]
+    measures = zip(_measures(report), zip(*every, strict=True), strict=True)
     causes = effects_of(report.nested)
     keys = [{effect.key for effect in nested.model.effects} for nested in report.nested]
     return {
-        "panels": _panels(axis, report.vehicle.assumptions),
-        "measures": list(_measures(report)),
+        "panels": _panels(axis, report.vehicle.assumptions, is_driven=any(item.run.torque.any() for item in sides[0])),
+        "measures": [measure | {"decimals": _decimals(measure["floor"], *numbers)} for measure, numbers in measures],
         "causes": [effect_title(effect, axis) for effect in causes],
         # Which causes each simulation has.
         "stages": [[effect.key in present for effect in causes] for present in keys] or [[]],
-        "missed": [_errors_document(axis, side) for side in simulations],
+        "missed": every,
         "trials": trials,
     }
 
@@ -80,6 +83,11 @@ def _measures(report: ReportData) -> Iterator[dict[str, Any]]:
         yield {"title": title, "unit": axis.display_unit[0], "floor": floor}
     floor = _rounded(diagnosis.noise_floor if diagnosis else None)
     yield {"title": f"{axis.rate_words} error", "unit": axis.rate_unit, "floor": floor}
+
+
+def _decimals(*errors: float | None) -> int:
+    """Decimals of errors and their noise floor, as on the first screen."""
+    return max(len(text.partition(".")[2]) for text in rounded_errors(errors))
 
 
 def _errors_document(axis: Axis, simulations: Sequence[TrialSimulation]) -> list[float | None]:
@@ -159,8 +167,8 @@ def _table(stages: Sequence[TrialSimulation]) -> FloatArray:
     return np.stack(rows)
 
 
-def _panels(axis: Axis, guess: Assumptions) -> list[dict[str, Any]]:
-    """Each panel from the top: its title, its height in pixels, and its lines."""
+def _panels(axis: Axis, guess: Assumptions, *, is_driven: bool) -> list[dict[str, Any]]:
+    """Each panel from the top: its title, its height in pixels, and its lines; that of the torque if there is one."""
     unit, _ = axis.display_unit
     rate, error = _FIRST_SIMULATION, _FIRST_SIMULATION + 1
     measured_rate, measured_position = _line("measured", _MEASURED), _line("measured", _POSITION)
@@ -171,7 +179,7 @@ def _panels(axis: Axis, guess: Assumptions) -> list[dict[str, Any]]:
         (text, unit, 120, [measured_position, *_simulated_lines(error, plus=_POSITION)]),
         (f"{axis.position_words} error", unit, 90, _simulated_lines(error)),
         (axis.force_name, axis.force_unit, 70, [_line("applied", _TORQUE)]),
-    ]
+    ][: 4 + is_driven]
     documents = []
     for title, panel_unit, height, lines in panels:
         guessed = f", by guessed {guess.quantities}" * guess.is_placeholder(panel_unit)

@@ -48,12 +48,12 @@ _LOOKS = (("plain model", ORANGE, "--", "s"), ("extended model", BLUE, "-", "o")
 @report_style
 def plot_residuals(items: Sequence[residuals.ResidualTorque], cutoff: float) -> Figure:
     """Residual torque against rate, torque and time, its autocorrelation and its spectrum."""
-    figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = _five_panels()
+    figure, drivers, (course, lags, frequencies) = _residual_panels(items)
     residual = residuals.all_residuals(items)
     share = residuals.independent_share([item.run for item in items], cutoff)
-    _scatter(by_rate, residuals.all_rates(items), residual, share)
-    _scatter(by_torque, residuals.all_thruster_torques(items), residual, share)
-    legend = _label_residuals(by_rate, by_torque, items[0].run.trial.axis, "residual")
+    for panel, driver in drivers:
+        _scatter(panel, driver, residual, share)
+    legend = _label_residuals(drivers, items[0].run.trial.axis, "residual")
     legend.get_lines()[0].set(markersize=7, alpha=1.0)
     _plot_course(course, items, (BLUE, GREY))
     _plot_autocorrelation(lags, items, cutoff, color=BLUE)
@@ -66,8 +66,7 @@ def plot_residual_comparison(
     before: Sequence[residuals.ResidualTorque], after: Sequence[residuals.ResidualTorque], cutoff: float
 ) -> Figure:
     """The panels of `plot_residuals` without and with the causes; means in place of the points."""
-    figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = _five_panels()
-    drivers = ((by_rate, residuals.all_rates(before)), (by_torque, residuals.all_thruster_torques(before)))
+    figure, drivers, (course, lags, frequencies) = _residual_panels(before)
     share = residuals.independent_share([item.run for item in before], cutoff)
     for items, (label, colour, dashes, marker) in zip((before, after), _LOOKS, strict=True):
         line: dict[str, Any] = {"color": colour, "linestyle": dashes}
@@ -79,18 +78,28 @@ def plot_residual_comparison(
         _plot_spectrum(frequencies, items, cutoff, **line)
     for panel, _ in drivers:
         panel.axhline(0.0, color=BLACK, linewidth=0.8)
-    _label_residuals(by_rate, by_torque, before[0].run.trial.axis, "mean residual")
+    _label_residuals(drivers, before[0].run.trial.axis, "mean residual")
     return figure
 
 
-def _five_panels() -> tuple[Figure, list[list[Axes]]]:
-    return panel_grid([(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95)
+_Drivers = list[tuple[Axes, FloatArray]]
 
 
-def _label_residuals(by_rate: Axes, by_torque: Axes, axis: Axis, quantity: str) -> Legend:
+def _residual_panels(items: Sequence[residuals.ResidualTorque]) -> tuple[Figure, _Drivers, list[Axes]]:
+    """Panels against rate and, if thrusters push, torque, each with these; panels of course, lags and frequencies."""
+    rates, torques = residuals.all_rates(items), residuals.all_thruster_torques(items)
+    drivers = [rates, torques] if np.any(np.nan_to_num(torques)) else [rates]
+    rows = [(2.2, len(drivers)), (1.6, 1), (1.9, 2)]
+    figure, (top, *others) = panel_grid(rows, top=0.4, across=0.95)
+    return figure, list(zip(top, drivers, strict=True)), [panel for row in others for panel in row]
+
+
+def _label_residuals(drivers: _Drivers, axis: Axis, quantity: str) -> Legend:
     label = f"{quantity} {axis.force_name}, {axis.force_unit}"
-    by_rate.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=label)
-    by_torque.set(xlabel=f"{axis.force_name}, {axis.force_unit}", ylabel=label)
+    words = (f"{axis.rate_words}, {axis.rate_unit}", f"{axis.force_name}, {axis.force_unit}")
+    for (panel, _), name in zip(drivers, words, strict=False):
+        panel.set(xlabel=name, ylabel=label)
+    by_rate, _ = drivers[0]
     return by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
 
 

@@ -352,14 +352,14 @@ def formats_table(exports: Mapping[str, VerifiedExport]) -> ResultTable:
     )
     for name, made in exports.items():
         lost = [
-            f"{loss_title(loss.what)} {format_number(loss.percent_of_range['yaw_rate'], '.2g')}" for loss in made.losses
+            f"{loss_title(loss.what)} {format_number(loss.percent_of_range['yaw_rate'], 2)}" for loss in made.losses
         ]
         table.add_row(
             name,
             FORMATS[name].file,
-            format_number(made.mismatch.percent_of_range["yaw_rate"], ".2g"),
-            format_number(made.mismatch.rms["yaw_rate"], ".2g"),
-            format_number(made.kept_mismatch.percent_of_range["yaw_rate"], ".2g"),
+            format_number(made.mismatch.percent_of_range["yaw_rate"], 2),
+            format_number(made.mismatch.rms["yaw_rate"], 2),
+            format_number(made.kept_mismatch.percent_of_range["yaw_rate"], 2),
             "; ".join(lost) or DASH,
         )
     return table

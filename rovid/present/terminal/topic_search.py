@@ -38,18 +38,19 @@ def find_passages(words: str) -> list[Passage]:
 
 def show_page_or_passages(console: Console, topic: str) -> None:
     """Print a page, or the passages that hold all words; ConfigError without either."""
-    passages: list[Passage] = []
     try:
         show_topic(console, topic)
+        return
     except ConfigError as error:
-        passages = find_passages(topic)
+        passages, nearest = find_passages(topic), as_sentence(str(error))
         if not passages:
             raise
-        print_text(console, f"{as_sentence(str(error))} Passages with these words:")
     for one in passages:
-        console.print()
         print_labelled(console, f"rovid help {one.topic}:", one.heading)
         show_markdown(console, one.text)
+        console.print()
+    # Several words are a question; one word may be a page's name with an error.
+    print_text(console, "`rovid help` lists the pages." if " " in topic else nearest)
 
 
 def _passages() -> Iterator[Passage]:

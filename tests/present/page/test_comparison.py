@@ -35,7 +35,7 @@ def test_the_page_is_whole_and_nothing_on_it_acts(tmp_path: Path) -> None:
     text = written(tmp_path, both(tmp_path))
     assert NASTY not in text
     assert "&lt;b&gt;x&lt;/b&gt;" in text
-    assert "quadratic drag, 1.1000 ± 0.0051 times" in text
+    assert "quadratic drag, 1.1000 ± 0.0051 times" in text.replace("\u00a0", " ")
     assert text.count("<svg") == 2  # no run is simulated without logs
     assert "Predictions of the other" not in text
     assert "A note &amp; more." in text

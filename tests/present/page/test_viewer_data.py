@@ -19,8 +19,9 @@ from rovid.core.array_types import FloatArray
 from rovid.model.simulation import TrialSimulation
 from rovid.present.page.figures import ReportFigures
 from rovid.present.page.render import render_page
+from rovid.present.page.summary import summarize
 from rovid.present.page.viewer_data import COARSEST, VALUES, decimate_table, fair_shares, trial_levels, viewer_document
-from rovid.present.report_data import ReportData
+from rovid.present.report_data import NestedSimulation, ReportData
 from tests.present.conftest import make_evidence, staged
 from tests.present.page.test_render import Parts
 
@@ -209,6 +210,20 @@ def test_without_simulation_there_is_no_viewer(day: ReportData) -> None:
     assert "<script" not in page
     assert "script-src 'none'" in page
     assert 'id="viewer-root"' not in page
+
+
+def test_free_swings_without_an_inertia_have_a_viewer_without_torque(day: ReportData) -> None:
+    still = tuple(replace(one, run=replace(one.run, torque=0.0 * one.run.torque)) for one in day.simulations)
+    only = replace(day, simulations=(), nested=(NestedSimulation(model=day.parameters.model(), simulations=still),))
+    assert 'id="viewer-root"' in page_of(only)
+    assert "torque" not in {panel["title"] for panel in viewer_document(only)["panels"]}
+    assert "torque" in {panel["title"] for panel in viewer_document(day)["panels"]}
+
+
+def test_errors_have_the_decimals_of_the_first_screen(day: ReportData) -> None:
+    decimals = [measure["decimals"] for measure in viewer_document(day)["measures"]]
+    errors = summarize(day).gains
+    assert [len(one.texts[0].split()[0].partition(".")[2]) for one in errors] == [decimals[0], decimals[-1]]
 
 
 def test_panels_that_hang_on_a_guess_say_so(day: ReportData) -> None:

@@ -136,7 +136,7 @@
 
   // ---- numbers
 
-  const rounded = (value) => (value === null ? "–" : tidy(value, value < 10 ? 2 : 3));
+  const rounded = (value, { decimals }) => (value === null ? "–" : value.toFixed(decimals));
 
   // A bar as long as the share of what is missed without any cause, with a tick at what a perfect model would miss.
   function bar(cell, value, most, floor) {
@@ -153,12 +153,12 @@
   function tell() {
     const rows = document.querySelectorAll("#viewer-numbers tbody tr");
     rows.forEach((row, k) => {
-      const { unit, floor } = measures[k];
+      const measure = measures[k], { unit, floor } = measure;
       [trial.missed, missed].forEach((numbers, column) => {
         const cell = row.cells[1 + column], value = numbers[on][k];
         const most = Math.max(...numbers.map((each) => each[k] ?? 0));
         const [words, drawn] = cell.children;
-        words.textContent = value === null ? "–" : `${rounded(value)} ${unit}`;
+        words.textContent = value === null ? "–" : `${rounded(value, measure)} ${unit}`;
         bar(drawn, value, most, floor);
       });
     });
@@ -167,8 +167,8 @@
     for (const each of document.querySelectorAll(".viewer-simulated")) each.textContent = named;
     for (const each of document.querySelectorAll(".viewer-without")) each.hidden = on === 0;
     trials.forEach((each, k) => {
-      const [before, now] = [each.missed[0][RATE], each.missed[on][RATE]];
-      const pair = on === 0 ? rounded(now) : `${rounded(before)} → ${rounded(now)}`;
+      const [before, now] = [each.missed[0][RATE], each.missed[on][RATE]].map((one) => rounded(one, measures[RATE]));
+      const pair = on === 0 ? now : `${before} → ${now}`;
       list.options[k].textContent = `${each.name}: ${pair} ${measures[RATE].unit}`;
     });
   }
