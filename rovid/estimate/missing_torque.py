@@ -20,6 +20,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.fisher_information import NormalEquations
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.objective import NegativeLogLikelihood
+from rovid.estimate.parametrization import LINEAR
 from rovid.trial.vehicle import Vehicle
 
 # Kinds of torque that any vehicle may have: of motion along another axis that follows the turn (memory of the rate), of
@@ -47,6 +48,12 @@ _TORQUE = EffectParameter(
 _STARTS = 2
 # Common variances of the torques that are tried.
 _VARIANCES = 10.0 ** np.arange(-4.0, 10.0, 0.25)
+# Number of variances in an average. The smallest is 1: such a torque moves no parameter by a standard error. The
+# largest is that of a share of the model's own largest torque. Decision: a model whose one-step predictions count has
+# an R^2 of 0.93 or more (`maximum_likelihood.INNOVATIONS_R2`), so a quarter of the motion is left at most.
+_AVERAGED, _LARGEST_SHARE = 40, 0.25
+# Kind of a torque that inertia or drag absorbs as a whole, such as damping at a constant speed ahead.
+_ABSORBED = "absorbed"
 # Least gain of log-likelihood by these torques where the innovations are white, which a complete model exceeds once in
 # a thousand (half of chi-squared with one degree of freedom). Where they are not white, something is missing anyway.
 _LEAST_GAIN = 4.8
@@ -66,12 +73,18 @@ class _Scores(NamedTuple):
     information: FloatArray  #: (q, q)
     shift: FloatArray  #: (p, q) change of the parameters by one unit of a torque.
     kinds: tuple[str, ...]  #: Id of the effect of each torque.
+    largest: float  #: Largest plausible variance of a torque.
 
     def only(self, kinds: Collection[str]) -> Self:
         """The scores of the torques of some kinds."""
         at = [k for k, name in enumerate(self.kinds) if name in kinds]
         information = self.information[np.ix_(at, at)]
-        return type(self)(self.score[at], information, self.shift[:, at], tuple(self.kinds[k] for k in at))
+        return self._replace(
+            score=self.score[at],
+            information=information,
+            shift=self.shift[:, at],
+            kinds=tuple(self.kinds[k] for k in at),
+        )
 
 
 def include_missing_torque(estimate: Estimate, fitted: FitResult) -> Estimate:
@@ -90,13 +103,13 @@ def include_missing_torque(estimate: Estimate, fitted: FitResult) -> Estimate:
     if not reach:
         return wider
     other = "sway" if estimate.axis.name == "yaw" else "motion along another axis"
-    example = f"{other} that follows the motion is not modelled"
-    if max(_hypotheses(fitted), key=lambda one: one.gain).kinds == {IMBALANCE.id}:
+    example, likeliest = f"{other} that follows the motion is not modelled", max(_hypotheses(fitted), key=_gain)
+    if likeliest.kinds == {IMBALANCE.id}:
         example = "one thruster gives less thrust than its curve"
-    warning = (
-        "The model lacks a torque: the errors of its predictions depend on the motion or on the commands. For instance "
-        f"{example}. This may change {', '.join(reach)}. The standard errors include it."
-    )
+    reason = "The model lacks a torque: the errors of its predictions depend on the motion or on the commands."
+    if likeliest.gain <= 0.0:
+        reason = "The model may lack a torque that these runs do not distinguish from inertia and drag."
+    warning = f"{reason} For instance {example}. This may change {', '.join(reach)}. The standard errors include it."
     return replace(wider, warnings=(*wider.warnings, warning))
 
 
@@ -104,22 +117,27 @@ def missing_torque_covariance(fitted: FitResult) -> FloatArray:
     """(p, p) covariance of the coordinates by torques that the model lacks.
 
     The torques of all kinds are random, with one common variance in units of the change that they make of all
-    predictions. It is that with the largest marginal likelihood of the scores. The covariance is the mean square of
-    what the torques, given their scores, change. If the scores do not show torques of all kinds, they may show those of
+    predictions. The covariance is the mean square of what the torques, given their scores, change, and the mean over
+    the variances by their marginal likelihood. If the scores do not show torques of all kinds, they may show those of
     one kind alone: the covariance is then that of the likeliest one. Other laws of the model's own effects replace the
     torques of all kinds where the laws are likelier. The gains of the thrusters add their covariance, with their share
     of the likelihood: all runs that drive the thrusters alike agree on wrong parameters.
     """
-    first, *alone = _hypotheses(fitted)
-    own = {effect.id for effect in fitted.effects} if fitted.is_white else set()
-    rivals = [one for one in alone if first.gain <= 0.0 or one.kinds <= own]
-    likeliest = max((first, *rivals), key=lambda one: one.gain)
-    covariance = likeliest.covariance if likeliest.gain > 0.0 else np.zeros_like(likeliest.covariance)
-    for one in alone:
-        if one is not likeliest and one.kinds == {IMBALANCE.id} and one.gain > 0.0:
+    likeliest = _likeliest(fitted)
+    covariance = likeliest.covariance
+    for one in _hypotheses(fitted):
+        if one.kinds == {IMBALANCE.id} != likeliest.kinds and one.gain > 0.0:
             total = np.logaddexp(max(likeliest.gain, 0.0), one.gain)
             covariance = covariance + np.exp(one.gain - total) * one.covariance
     return covariance
+
+
+def _likeliest(fitted: FitResult) -> "_LackingTorques":
+    """The likeliest torques: those of all kinds, unless others are likelier that may replace them."""
+    first, *alone = _hypotheses(fitted)
+    own = {effect.id for effect in fitted.effects} if fitted.is_white else set()
+    rivals = [one for one in alone if one.gain > 0.0 and (first.gain <= 0.0 or one.kinds <= own)]
+    return max((first, *rivals), key=_gain)
 
 
 def lacks_torque(fitted: FitResult) -> bool:
@@ -140,21 +158,39 @@ class _LackingTorques(NamedTuple):
     kinds: frozenset[str]
 
     @classmethod
-    def of(cls, found: _Scores, least: float) -> Self:
-        """The torques with these scores, with their likeliest common variance."""
+    def of(cls, found: _Scores, least: float, *, even: bool) -> Self:
+        """The torques with these scores; none of them acts with ``even`` odds.
+
+        The prior of the logarithm of their variance is uniform up to the largest plausible variance, or the likeliest.
+        """
         power, axes = np.linalg.eigh(found.information)
         known = power > _LEAST_SHARE * power.max(initial=0.0)
-        score = (axes.T @ found.score)[known]
-        variances = _VARIANCES[:, np.newaxis] * power[known] ** 2 + power[known]
-        likelihoods = -0.5 * np.sum(np.log(variances) + score**2 / variances, axis=1)
-        complete = -0.5 * float(np.sum(np.log(power[known]) + score**2 / power[known]))
-        best = int(np.argmax(likelihoods))
+        power = np.where(known, power, 0.0)
+        score = axes.T @ found.score
+
+        def gains(variances: FloatArray) -> FloatArray:
+            growth = 1.0 + variances[:, np.newaxis] * power[known]
+            squares = score[known] ** 2 / power[known] * (1.0 - 1.0 / growth)
+            return np.asarray(0.5 * np.sum(squares - np.log(growth), axis=1))
+
+        tried = gains(_VARIANCES)
+        top = max(found.largest, float(_VARIANCES[np.argmax(tried)]), 1.0)
+        variances = np.geomspace(1.0, top, _AVERAGED)
+        likelihoods = gains(variances)
+        scale = max(0.0, float(likelihoods.max()))
+        weights = np.exp(likelihoods - scale) / _AVERAGED
+        weights /= weights.sum() + even * np.exp(-scale)
         # Nothing is known of a combination of torques that the parameters can replace.
-        spread = 1.0 / (np.where(known, power, 0.0) + 1.0 / _VARIANCES[best])
-        shift = found.shift @ axes
-        mean = shift[:, known] @ (spread[known] * score)
-        covariance = np.outer(mean, mean) + (shift * spread) @ shift.T
-        return cls(float(likelihoods[best]) - complete - least, covariance, frozenset(found.kinds))
+        shift, covariance = found.shift @ axes, np.zeros((len(found.shift),) * 2)
+        for variance, weight in zip(variances, weights, strict=True):
+            spread = 1.0 / (power + 1.0 / variance)
+            mean = shift @ np.where(known, spread * score, 0.0)
+            covariance += weight * (np.outer(mean, mean) + (shift * spread) @ shift.T)
+        return cls(float(tried.max()) - least, covariance, frozenset(found.kinds))
+
+
+def _gain(torques: _LackingTorques) -> float:
+    return torques.gain
 
 
 def _hypotheses(fitted: FitResult, *, white: bool | None = None) -> Iterator[_LackingTorques]:
@@ -165,11 +201,12 @@ def _hypotheses(fitted: FitResult, *, white: bool | None = None) -> Iterator[_La
     """
     found, white = _scores(fitted), fitted.is_white if white is None else white
     least, laws = _LEAST_GAIN if white else 0.0, {effect.id for effect in fitted.effects}
-    yield _LackingTorques.of(found.only({*found.kinds} - {IMBALANCE.id}), least)
-    several = [*({kind} for kind in found.kinds), laws.intersection(found.kinds)] if white else [{IMBALANCE.id}]
+    yield _LackingTorques.of(found.only({*found.kinds} - {IMBALANCE.id}), least, even=white)
+    single = [{kind} for kind in found.kinds if kind != _ABSORBED]
+    several = [*single, laws.intersection(found.kinds)] if white else [{IMBALANCE.id}]
     groups = dict.fromkeys(frozenset(group) for group in several if group)
     for group in groups:
-        yield _LackingTorques.of(found.only(group), least + float(np.log(len(groups))))
+        yield _LackingTorques.of(found.only(group), least + float(np.log(len(groups))), even=white)
 
 
 def _is_rounded(fitted: FitResult) -> bool:
@@ -273,7 +310,21 @@ def _scores(fitted: FitResult) -> _Scores:
     for effect, place in objective.parametrization.effect_slices():
         # Another law of an effect takes over a part of its size.
         shift[place, [k for k, name in enumerate(chosen) if name == effect.id]] = 0.0
-    return _Scores(score, beside * np.outer(unit, unit), shift, chosen)
+    # Torques that inertia or drag absorbs: in the unit of the others, and without a score.
+    base, count = np.flatnonzero(np.diag(information)[: LINEAR + 1]), len(at)
+    size = np.sqrt(np.diag(information)[base])
+    absorbed = np.zeros((len(shift), len(base)))
+    absorbed[base, range(len(base))] = 1.0 / size
+    own = size * np.array([1.0, *fitted.x[1 : LINEAR + 1]])[base]  # The inertia is a logarithm.
+    joint = np.zeros((count + len(base),) * 2)
+    joint[:count, :count] = beside * np.outer(unit, unit)
+    return _Scores(
+        score=np.concatenate((score, np.zeros(len(base)))),
+        information=joint,
+        shift=np.hstack((shift, absorbed)),
+        kinds=(*chosen, *[_ABSORBED] * len(base)),
+        largest=_LARGEST_SHARE**2 * float(np.max(own**2, initial=0.0)),
+    )
 
 
 def _equations(

@@ -14,7 +14,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
-from rovid.estimate.missing_torque import include_missing_torque, missing_torque_covariance
+from rovid.estimate.missing_torque import include_missing_torque, lacks_torque, missing_torque_covariance
 from rovid.trial.preprocessing import Run
 from rovid.trial.rates import compute_rates
 from rovid.trial.vehicle import Thruster, Vehicle
@@ -71,12 +71,14 @@ def driven(count: int, slope: Slope, extra: str = "") -> Run:
     return Run(trial=log, torque=torque, rates=rates, filtered_torque=rates.filter_held(log, torque))
 
 
-def swaying(count: int) -> Run:
-    """A vehicle that sways after its rate, with a time constant of its own, and is turned by that."""
+def swaying(count: int, coefficient: float, memory: float, eddy: float) -> Run:
+    """A vehicle that sways after its rate, with a time constant of its own, and is turned by that and by eddies."""
+    eddies = synthetic.gauss_markov(count, 0.2, eddy, 2.0, np.random.default_rng(1))
 
     def slope(at: int, state: FloatArray) -> FloatArray:
         _, rate, sway = state
-        return np.array([rate, (TORQUE[at] - drag(rate) - 300.0 * sway) / synthetic.ROSUB.inertia, (rate - sway) / 6.0])
+        torque = TORQUE[at] + eddies[at] - drag(rate) - coefficient * sway
+        return np.array([rate, torque / synthetic.ROSUB.inertia, (rate - sway) / memory])
 
     return driven(count, slope)
 
@@ -101,6 +103,13 @@ def drag(rate: float) -> float:
     return synthetic.ROSUB.quadratic_drag * abs(rate) * rate + synthetic.ROSUB.linear_drag * rate
 
 
+def assert_nearly_unchanged(wider: Estimate, estimate: Estimate) -> None:
+    """Many runs of every kind leave little room for a torque that the model lacks, and no reason for a warning."""
+    growth = np.sqrt(np.diag(wider.covariance) / np.diag(estimate.covariance))
+    assert (growth < 1.2).all()
+    assert wider.warnings == estimate.warnings
+
+
 @pytest.mark.parametrize("share", [0.0, 0.05])
 def test_a_logged_sway_that_takes_inertia_away_widens_the_errors(share: float) -> None:
     one = fitted([coupled(4000, share)])
@@ -111,12 +120,12 @@ def test_a_logged_sway_that_takes_inertia_away_widens_the_errors(share: float) -
     if share:
         assert away > 5.0 * estimate.standard_error("inertia")
     else:
-        assert wider.standard_error("inertia") == estimate.standard_error("inertia")
+        assert_nearly_unchanged(wider, estimate)
 
 
 @pytest.fixture(scope="module")
 def incomplete() -> FitResult:
-    return fitted([swaying(4000)])
+    return fitted([swaying(4000, 300.0, 6.0, 0.0)])
 
 
 def test_a_complete_model_keeps_its_errors() -> None:
@@ -126,9 +135,8 @@ def test_a_complete_model_keeps_its_errors() -> None:
     noise = 1e-4 * rng.normal(size=count)
     one = fitted([synthetic.run(TIME[:count], TORQUE[:count], disturbance=disturbance, noise=noise)])
     assert one.is_white
-    assert not missing_torque_covariance(one).any()
     estimate = estimate_of(one)
-    assert (include_missing_torque(estimate, one).covariance == estimate.covariance).all()
+    assert_nearly_unchanged(include_missing_torque(estimate, one), estimate)
 
 
 @pytest.mark.parametrize("gain", [1.0, 0.7])
@@ -139,7 +147,7 @@ def test_errors_cover_a_weak_thruster_that_is_rarely_alone(gain: float) -> None:
     away = abs(estimate.value("inertia") - synthetic.ROSUB.inertia)
     assert away < 2.0 * wider.standard_error("inertia")
     if gain == 1.0:
-        assert (wider.covariance == estimate.covariance).all()
+        assert_nearly_unchanged(wider, estimate)
     else:
         assert away > 4.0 * estimate.standard_error("inertia")
         assert any("one thruster gives less thrust than its curve" in text for text in wider.warnings)
@@ -176,6 +184,18 @@ def test_errors_cover_the_inertia_of_a_vehicle_that_sways(incomplete: FitResult)
     # They still say something: half of the inertia is none.
     assert wider.standard_error("inertia") < 0.25 * wider.value("inertia")
     assert any("sway that follows the motion is not modelled" in text for text in wider.warnings)
+
+
+def test_errors_allow_for_a_sway_that_short_runs_hardly_show() -> None:
+    one = fitted([swaying(600, 45.0, 8.0, 4.0)])
+    estimate = estimate_of(one)
+    wider = include_missing_torque(estimate, one)
+    away = abs(estimate.value("linear_drag") - synthetic.ROSUB.linear_drag)
+    assert one.is_white
+    assert not lacks_torque(one)
+    assert away > 4.0 * estimate.standard_error("linear_drag")
+    assert away < 2.5 * wider.standard_error("linear_drag")
+    assert any("these runs do not distinguish from inertia and drag" in text for text in wider.warnings)
 
 
 def test_the_added_covariance_does_not_depend_on_the_unit_of_a_torque(
