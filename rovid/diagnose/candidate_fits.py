@@ -19,6 +19,7 @@ from rovid.effects.thruster_lag import EFFECT as LAG
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.nested_fits import at_best_instant, exchanged_or_same, neutral_start, scaled_start
 from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
+from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,6 +179,20 @@ def is_plausible(fitted: FitResult) -> bool:
         if values[at] <= lowest:
             return False
     return fitted.is_physical
+
+
+def why_implausible(fitted: FitResult) -> str:
+    """The parameter that makes a model with one more effect implausible, and what to do; empty for another reason."""
+    if has_parameter_at_bound(fitted, fitted.effects[-1]):
+        limit = "a size or time at the limit of its range. It is not claimed"
+        return f"{limit}: look for a fault, or for a cause that the catalogue lacks"
+    vehicle = fitted.data.vehicle
+    rigid = None if vehicle is None else vehicle.reference_inertia
+    if rigid is None or fitted.is_physical:
+        return ""
+    low, high = PLAUSIBLE_INERTIA_RATIO
+    ratio = f"an inertia of {fitted.model.inertia / rigid:.3g} times the rigid body's by mass and size"
+    return f"{ratio}, outside {low} to {high}. It is not claimed: check mass, size, arms and thrust curves"
 
 
 def is_at_bound(fitted: FitResult, effect: Effect) -> bool:

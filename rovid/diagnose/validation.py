@@ -14,7 +14,14 @@ from functools import cache
 
 import numpy as np
 
-from rovid.diagnose.candidate_fits import Alternative, bic_score, has_parameter_at_bound, is_at_bound, is_plausible
+from rovid.diagnose.candidate_fits import (
+    Alternative,
+    bic_score,
+    has_parameter_at_bound,
+    is_at_bound,
+    is_plausible,
+    why_implausible,
+)
 from rovid.diagnose.cross_validation import (
     certain_growth,
     change_in_samples,
@@ -294,23 +301,18 @@ def report_remainder(selection: Selection) -> Selection:
 
 
 def _report_limited(selection: Selection) -> Selection:
-    """Add a message on an effect with a parameter at its limit that gains more than any other further effect."""
+    """Add a message on an implausible effect that gains more than any other further effect."""
     model, search = selection.model, selection.search
-    limited, best = [], bic_score(model) + search.threshold
-    for fitted in search.extensions(model):
-        effect = fitted.effects[-1]
+    best, text = bic_score(model) + search.threshold, ""
+    for fitted in sorted(search.extensions(model), key=bic_score):
+        effect, gain = fitted.effects[-1], model.value - fitted.value
+        if bic_score(fitted) <= best:
+            continue
         if is_plausible(fitted):
-            best = max(best, bic_score(fitted))
-        elif has_parameter_at_bound(fitted, effect) and search.is_allowed(effect) and not is_signal(effect):
-            limited.append(fitted)
-    leading = max(limited, key=bic_score, default=None)
-    if leading is None or bic_score(leading) <= best:
-        return selection
-    effect, gain = leading.effects[-1], model.value - leading.value
-    return selection.with_message(
-        f"{effect.title} would gain a log-likelihood of {gain:.0f} with a size or time at the limit of its range. "
-        "It is not claimed: look for a fault, or for a cause that the catalogue lacks."
-    )
+            text = ""
+        elif (why := why_implausible(fitted)) and search.is_allowed(effect) and not is_signal(effect):
+            text = f"{effect.title} would gain a log-likelihood of {gain:.0f} with {why}."
+    return selection.with_message(text) if text else selection
 
 
 def search_warnings(selection: Selection, notes: Sequence[str]) -> list[str]:

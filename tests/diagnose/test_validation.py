@@ -33,6 +33,7 @@ from rovid.effects import Effect, EffectParameter, effect_named
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step import MultiStepLikelihood
 from rovid.estimate.parametrization import INERTIA
+from rovid.trial.vehicle import Vehicle
 from tests.predictions import BIAS
 
 UNEQUAL = effect_named("thrust_asymmetry")
@@ -392,6 +393,18 @@ def test_a_further_effect_with_a_notable_gain_is_reported(selection: Selection) 
     assert message.startswith("constant torque would gain a log-likelihood of")
     shown = replace(without, inconsistent=(BIAS,))
     assert report_remainder(shown).messages == ()
+
+
+def test_a_gain_with_an_implausible_inertia_is_told(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wrong mass or size would otherwise hide the cause without a word."""
+    x = selection.model.x.copy()
+    x[INERTIA] -= math.log(2.0)
+    extended = replace(selection.model, x=x)
+    monkeypatch.setattr(Vehicle, "reference_inertia", selection.model.model.inertia)
+    monkeypatch.setattr(StepwiseSearch, "extensions", lambda *_: [extended])
+    (message,) = report_remainder(selection.drop(BIAS)).messages
+    assert message.startswith("constant torque would gain a log-likelihood of")
+    assert "with an inertia of 0.5 times the rigid body's by mass and size, outside 0.9 to 8.0." in message
 
 
 @pytest.mark.parametrize(("share", "limited"), [(1.0, True), (0.5, False)])
