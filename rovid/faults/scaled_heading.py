@@ -30,7 +30,12 @@ _SCALES = {
     1 / 360: "turns",
     100 / 360: "per cent of a turn",
     2.0: "twice its size",
+    10.0: "tenths of a degree",
+    100.0: "hundredths of a degree",
+    1000.0: "thousandths of a degree",
+    65536 / 360: "65536 counts a turn",
 }
+_AS_UNIT = ', or set unit = "0.01 deg" in [signals] heading.'
 # Ratio of a logged rate to the heading's derivative, beyond which one of them has another scale; an ordinary gyro is
 # right within 5 %. Largest relative difference between the logs.
 _GAIN, _SAME = 1.2, 0.1
@@ -73,9 +78,11 @@ def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:
     fewest = (_MIN_WRAPS if ratio < 1.0 and not fills else 1) if usual else _MIN_UNUSUAL
     if is_turn or len(wraps) < fewest or np.ptp(periods) > _NEAR * period:
         return
+    jump = float(f"{period * _DEG:.4g}")
     text = (
-        f"{data.log}: the {data.name} jumps by {period * _DEG:.4g} deg where it wraps, instead of 360 deg. It is "
-        f"logged at {ratio:.3g} of its size{f' ({usual})' if usual else ''}: multiply it by {1.0 / ratio:.4g}."
+        f"{data.log}: the {data.name} jumps by {jump:g} deg where it wraps, instead of 360 deg. It is logged at "
+        f"{ratio:.3g} of its size{f' ({usual})' if usual else ''}: multiply it by {1.0 / ratio:.4g}"
+        f"{_AS_UNIT if usual == _SCALES[100.0] else '.'}"
     )
     fault = Fault(
         fault="scaled_heading",

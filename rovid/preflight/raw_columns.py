@@ -15,7 +15,7 @@ from rovid.trial.rates import integral
 from rovid.trial.vehicle_presets import SIDE_WORDS
 
 # A whole turn in each unit of angle.
-FULL_TURN = {"deg": 360.0, "rad": 2.0 * np.pi}
+FULL_TURN = {"deg": 360.0, "rad": 2.0 * np.pi, "0.01 deg": 36000.0}
 # Minimum number of samples for a guess; decision.
 MIN_SAMPLES = 30
 # s, averaging window of a rate.

@@ -279,7 +279,7 @@ def _angle_unit(column: SourceColumn) -> tuple[str, str]:
     for unit, turn in FULL_TURN.items():
         within = -1.01 * turn / 2 <= low and high <= 1.01 * turn
         if within and np.any(np.abs(steps - turn) < 0.1 * turn):
-            return unit, f"{span}, and it jumps by {turn:.4g}, a whole turn"
+            return unit, f"{span}, and it jumps by {float(f'{turn:.4g}'):g}, a whole turn"
     named = named_unit(column.source)
     if named in FULL_TURN:
         return named, f"{span}; the unit by its name"

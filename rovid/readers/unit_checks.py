@@ -30,7 +30,7 @@ def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, 
 
     The evidence is the range and the jumps of the ``channel`` as logged and of the (n,) ``heading`` in rad, cleaned.
     """
-    if channel.radians:
+    if channel.radians or signal.unit not in {"deg", "rad"}:
         return
     evidence = ""
     if signal.unit == "deg":

@@ -178,7 +178,8 @@ def other_axes(signals: Collection[str], keys: Collection[str]) -> list[str]:
 
 
 # Unit -> factor to SI. A thruster command keeps the unit of its bench curve.
-ANGLE_UNITS = {"deg": math.pi / 180.0, "rad": 1.0}
+# 0.01 deg: MAVLink writes headings so.
+ANGLE_UNITS = {"deg": math.pi / 180.0, "rad": 1.0, "0.01 deg": math.pi / 18000.0}
 ANGULAR_RATE_UNITS = {"deg/s": math.pi / 180.0, "rad/s": 1.0, "rpm": math.pi / 30.0}
 TORQUE_UNITS = {"N m": 1.0, "kN m": 1000.0}
 FORCE_UNITS = {"N": 1.0, "kN": 1000.0}

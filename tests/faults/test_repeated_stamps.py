@@ -33,8 +33,8 @@ def test_rounded_stamps_of_a_regular_clock_are_exact(interval: float) -> None:
     data, (fault,) = examined(clock(np.round(time, 1), heading=heading, fore=command))
     assert fault.fault == "repeated_stamps"
     error = data.time - time
-    # A common offset of half a step of the rounding is not known.
-    assert np.ptp(error) < 0.1 * interval
+    # A common offset of half a step of the rounding is not known. Rounding that nearly repeats tilts the line a little.
+    assert np.ptp(error) < 0.15 * interval
     assert np.abs(error).max() < 0.05
 
 

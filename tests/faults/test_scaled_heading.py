@@ -42,6 +42,15 @@ def test_another_period_is_named_and_stops(scale: float, rate: float, centre: fl
     assert fault.logs == ("a.csv",)
 
 
+@pytest.mark.parametrize("scale", [100.0, 65536 / 360])
+def test_one_wrap_of_a_known_count_is_enough(scale: float) -> None:
+    """As of MAVLink, in hundredths of a degree, or of a sensor with 16 bits."""
+    (fault,) = faults(scale * np.mod(turning(np.random.default_rng(6), 0.03, 2200), TURN))
+    assert fault.stops
+    assert fault.size == pytest.approx(scale, rel=0.01)
+    assert ('unit = "0.01 deg"' in fault.text) == (scale == 100.0)
+
+
 @pytest.mark.parametrize("begin", [0.0, -0.25 * TURN])
 def test_one_wrap_between_the_ends_of_a_half_turn_is_enough(begin: float) -> None:
     """Short logs wrap once. A sensor that resets by half a turn does it anywhere."""
