@@ -130,7 +130,7 @@ _OPENED: dict[object, Study] = {}
 
 @contextlib.contextmanager
 def _opened_once() -> Iterator[None]:
-    """Logs that an earlier command of a test has read are not read again, unless a file has changed since."""
+    """Logs that one of the last commands has read are not read again, unless a file has changed since."""
     whole = study_room.open_study
 
     def once(paths: Sequence[Path], **options: Any) -> Study:
@@ -139,12 +139,15 @@ def _opened_once() -> Iterator[None]:
             stamps = {(file, (stat := file.stat()).st_mtime_ns, stat.st_size) for file in files}
         except (OSError, RovidError):
             stamps = set()
-        if not stamps or options.get("reading") is not None:
+        if not stamps or os.environ.get("ROVID_PROGRESS") != "none":
             return whole(paths, **options)
-        key = Path.cwd(), tuple(paths), repr(options), frozenset(stamps)
+        # Neither progress, which nobody sees, nor reading in another process changes what is read.
+        others = repr({name: value for name, value in options.items() if name not in {"report", "reading"}})
+        folder = None if all(path.is_absolute() for path in paths) else Path.cwd()
+        key = folder, tuple(paths), others, frozenset(stamps)
         if key not in _OPENED:
             study = whole(paths, **options)
-            if len(_OPENED) > 1:
+            if len(_OPENED) > 3:
                 _OPENED.pop(next(iter(_OPENED)))
             _OPENED[key] = study
         return _OPENED[key]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import shutil
 import signal
@@ -35,16 +36,17 @@ BY_NAME = {case.name: case for case in TABLE}
 LONG = {"clocks_13ms diagnose", *(f"{case.name} diagnose" for case in TABLE if LAG in case.truth)}
 
 
-@pytest.fixture
-def logs(tmp_path: Path) -> Callable[[str], Path]:
-    """Unpack the folder of a case."""
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Unpack the folder of a case, once for all commands, which then read the logs once."""
 
+    @functools.cache
     def unpack(name: str) -> Path:
-        if (tmp_path / "logs").exists():
-            return tmp_path / "logs"
+        # What is asked for in messages is not to be found in the names of folders.
+        top = tmp_path_factory.mktemp("case")
         with tarfile.open(CASES / f"{name.split('/', maxsplit=1)[0]}.tar.xz") as archive:
-            archive.extractall(tmp_path / "cases", filter="data")
-        folder = tmp_path / "cases" / name
+            archive.extractall(top / "cases", filter="data")
+        folder = top / "cases" / name
         for part in folder.iterdir():
             if part.is_dir():  # a case of its own
                 shutil.rmtree(part)
@@ -53,8 +55,7 @@ def logs(tmp_path: Path) -> Callable[[str], Path]:
             config.write_text(
                 config.read_text().replace("[vehicle]", "[vehicle]\nmass = 96.0\nlength = 1.25\nwidth = 0.75")
             )
-        # What is asked for in messages is not to be found in the names of folders.
-        return folder.rename(tmp_path / "logs")
+        return folder.rename(top / "logs")
 
     return unpack
 
