@@ -9,6 +9,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.effects import TERM_EFFECTS, Effect, effect_named
+from rovid.effects.base import Term, WaveTorque
 from rovid.model import reference
 from rovid.model.bound_effects import BoundEffect, pack_terms
 from rovid.model.kernels import ekf3_innovations, ekf5_innovations, predict_multi_step, simulate_effects
@@ -16,6 +17,7 @@ from rovid.model.model import Model
 from rovid.model.reference import ExtendedKalmanFilter, Motion, Noise, ReferenceEquation
 from rovid.model.torque_input import TorqueInput
 from rovid.trial.axis import AXES
+from tests.conftest import slow
 from tests.effects.test_effects import EVERY, VEHICLE, logs, numbers
 from tests.filters import Log, filter_one
 from tests.synthetic import ROSUB
@@ -24,6 +26,15 @@ NOISE = Noise(disturbance=15.0, correlation_time=4.0, angle=1e-3, rate=2e-3)
 # 20 s with channels and with commands of both signs.
 TRIAL = logs()[0]
 START = 0.4
+
+# Other effects change the torque alone, as `test_actuator_model.py` tests, and not the equation: three stand for all.
+IN_THE_EQUATION = (Term, WaveTorque)
+TORQUES = {"thruster_lag", "thruster_lag:spin", "command_delay"}
+each = pytest.mark.parametrize(
+    "effect",
+    [None, *(one if isinstance(one.acts, IN_THE_EQUATION) or one.key in TORQUES else slow(one) for one in EVERY)],
+    ids=lambda effect: effect.key if effect else "none",
+)
 
 
 def modelled(effect: Effect | None) -> Model:
@@ -36,7 +47,7 @@ def short(torque_input: TorqueInput, count: int) -> TorqueInput:
     return torque_input.mapped(lambda series: series[:count])
 
 
-@pytest.mark.parametrize("effect", [None, *EVERY], ids=lambda effect: effect.key if effect else "none")
+@each
 def test_the_free_running_simulation(effect: Effect | None) -> None:
     model = modelled(effect)
     torque = model.torque_input(VEHICLE, TRIAL)
@@ -109,7 +120,7 @@ def compare_filters(model: Model, torque: TorqueInput, time: FloatArray, noise: 
     np.testing.assert_allclose((found - wanted)[known] / np.sqrt(wanted_variance[known]), 0.0, atol=3.0 * share)
 
 
-@pytest.mark.parametrize("effect", [None, *EVERY], ids=lambda effect: effect.key if effect else "none")
+@each
 def test_the_filter(effect: Effect | None) -> None:
     model, count = modelled(effect), 100
     compare_filters(model, short(model.torque_input(VEHICLE, TRIAL), count), TRIAL.time[:count], NOISE)
