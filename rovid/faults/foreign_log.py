@@ -86,7 +86,8 @@ class _Groups:
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     misfits = list[Misfit]()
-    while misfit := misassigned(data.runs, data.vehicle):
+    # A hull that moves ahead turns by itself (Munk moment), which in yaw alone is a thruster that does not push.
+    while not data.vehicle.planar and (misfit := misassigned(data.runs, data.vehicle)):
         misfits.append(misfit)
         data = without(data, misfit.log)
     yield from map(_misassigned, misfits)

@@ -70,6 +70,13 @@ def test_a_log_with_other_commands_than_its_thrusters_is_named(damage: str) -> N
         assert all(damage in fault.text for fault in faults)
 
 
+def test_a_coupled_vehicle_that_turns_by_itself_has_no_dead_thruster() -> None:
+    """A hull that moves ahead is unstable (Munk moment); in yaw alone a thruster seems to stop."""
+    damage = next(one for one in DAMAGES if "does not push" in one)
+    data = RunsData(runs=two_thrusters(damage, 1), vehicle=replace(TWO, planar=True))
+    assert not any("does not push" in fault.text for fault in examine(DETECTORS["runs"], data, FaultOverrides())[1])
+
+
 def test_a_log_in_parts_is_judged_without_the_mean_torque_of_each() -> None:
     damage = "the commands of a have the opposite sign"
     runs = two_thrusters(damage, 3, turning=1.0)

@@ -47,7 +47,7 @@ def test_an_unnamed_heading_is_recognised_by_its_jumps() -> None:
 
 def test_a_heading_in_hundredths_of_a_degree_wraps_at_its_own_turn() -> None:
     time = 0.1 * np.arange(3000, dtype=np.float64)
-    hundredths = np.round(np.mod(100.0 * 12.0 * time, 36000.0))
+    hundredths = np.asarray(np.round(np.mod(1200.0 * time, 36000.0)), dtype=np.float64)
     log = {name: RawColumn(source=name, time=time, values=values) for name, values in {"hdg": hundredths}.items()}
     assert map_columns([log]).signals["heading"].unit == "0.01 deg"
 
