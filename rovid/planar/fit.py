@@ -23,7 +23,7 @@ from rovid.planar.model import AXIS_NAMES, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.prior import PriorUse
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values, with_own_sizes
-from rovid.planar.uncertainty import LOOSER, parameter_scale, total_covariance
+from rovid.planar.uncertainty import LOOSER, of_yaw_alone, parameter_scale, total_covariance
 
 _METHOD = "maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together"
 _METHOD_FREE_RUNS = "least squares of free-running simulations over some time constants, surge, sway and yaw together"
@@ -46,6 +46,16 @@ _MOST_LATENCY = 0.6
 _MOST_SECONDS = np.array([5.0 if name in {"north", "east"} else 1.0 for name in SENSORS])
 # Least rigid-body share of an inertia that is no warning: the thrust curve may be off.
 _LEAST_RIGID = 0.9
+
+
+_TURNS_ALONE = (
+    "These runs turn the vehicle alone. Its hull sways freely in a turn: yaw.inertia is smaller than I by the square "
+    "of sway_yaw.inertia over sway.inertia, which these runs do not determine."
+)
+_DRIFTS = (
+    "Thrusters push ahead or sideways, and neither speed is measured: the model lacks the torque of the hull's drift "
+    "(Munk moment). The standard errors include those of yaw alone. A DVL or a position would determine it."
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -245,6 +255,8 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         turns = np.array([name.endswith(".direction") for name in model.names])
         shift = np.where(turns, np.remainder(shift + np.pi, 2.0 * np.pi) - np.pi, shift)
         covariance = covariance + np.outer(shift, shift)
+    if best.likelihood.grid.yaw_only and is_pushed(data):
+        covariance = covariance + of_yaw_alone(data, best)
     free = coordinates.free[: coordinates.noise_begin]
     names, scale = model.names, parameter_scale(best)
     is_ship = SHIP in {effect.key for effect in best.effects}
@@ -326,10 +338,7 @@ def _warnings(
         yield f"The readings of {name} are {significant(abs(late), 2)} s {way}; the fit moves them {moved}."
     multi_step = best.is_multi_step
     if best.likelihood.grid.yaw_only:
-        yield (
-            "These runs turn the vehicle alone. Its hull sways freely in a turn: yaw.inertia is smaller than I by the "
-            "square of sway_yaw.inertia over sway.inertia, which these runs do not determine."
-        )
+        yield _DRIFTS if is_pushed(data) else _TURNS_ALONE
     if SHIP in {effect.key for effect in best.effects}:
         yield SHIP_WARNING
     looser = (

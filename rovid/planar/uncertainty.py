@@ -5,10 +5,14 @@ import math
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError
 from rovid.estimate.fisher_information import inverse_information
+from rovid.estimate.maximum_likelihood import fit_likelihood
+from rovid.planar.dataset import PlanarData
 from rovid.planar.kernels import NOISE_SENSOR
 from rovid.planar.model import BASE_COUNT
 from rovid.planar.optimum import PlanarOptimum
+from rovid.trial.preprocessing import prepare_trials
 
 # Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
 LOOSER = 2.5
@@ -50,6 +54,26 @@ def total_covariance(best: PlanarOptimum) -> FloatArray:
     grow = np.diag(jacobian @ spread @ jacobian.T) / np.maximum(np.diag(jacobian @ centre @ jacobian.T), 1e-300)
     factor, change = np.sqrt(1.0 + np.maximum(grow, 0.0)), jacobian @ shift
     return np.asarray(best.covariance * np.outer(factor, factor) + np.outer(change, change))
+
+
+def of_yaw_alone(data: PlanarData, best: PlanarOptimum) -> FloatArray:
+    """(q, q) further covariance where thrusters push along surge and sway, and neither is measured.
+
+    Drift turns a hull (Munk moment). The model of yaw alone counts that among the torques that it may lack. Without
+    effects its parameters are another answer, too: the covariance includes the difference.
+    """
+    names = list(best.model.names)
+    added = np.zeros((len(names), len(names)))
+    try:
+        runs = prepare_trials([run.trial for run in data.runs], data.vehicle).items
+        own = fit_likelihood(runs, data.vehicle).estimate
+    except DataError:
+        return added
+    base = ("inertia", "linear_drag", "quadratic_drag")
+    at, other = ([where.index(f"{axis}{name}") for name in base] for where, axis in ((names, "yaw."), (own.names, "")))
+    shift = (own.values[other] - best.model.values[at]) * (not best.effects)
+    added[np.ix_(at, at)] = own.covariance[np.ix_(other, other)] + np.outer(shift, shift)
+    return added
 
 
 def parameter_scale(best: PlanarOptimum) -> FloatArray:

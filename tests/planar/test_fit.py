@@ -27,6 +27,7 @@ from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import _bounded, planar_sizes, start_values
+from rovid.planar.uncertainty import total_covariance
 from rovid.trial.preprocessing import prepare_trials
 from rovid.trial.vehicle import Rudder
 from tests.planar.vehicles import Truth, box_rov, campaign, torpedo, usv
@@ -117,10 +118,10 @@ def test_a_bounded_regression_is_the_exact_one() -> None:
     assert found[2] < -3e3
 
 
-def heading_alone() -> PlanarData:
+def heading_alone(*pushed: tuple[float, float, float]) -> PlanarData:
     truth = Truth(
         base=(30.0, 40.0, 4.0, 0.0, 8.0, 12.0, 1.0, 20.0, 30.0, 2.0),
-        levers=((0.0, 0.0, 3.0),),
+        levers=((0.0, 0.0, 3.0), *pushed),
         noise={"heading": (0.005, 0.05)},
         disturbance=(0.0, 0.0, 0.03),
     )
@@ -139,6 +140,19 @@ def test_heading_alone_gives_the_yaw_model() -> None:
         assert abs(difference) < one_axis.standard_error(name)
     others = [name for name in BASE_NAMES if not name.startswith("yaw.")]
     assert set(others) <= set(fitted.estimate.refused)
+
+
+def test_heading_alone_of_a_vehicle_that_drifts_has_the_errors_of_yaw_alone() -> None:
+    """The Munk moment turns it, and nothing measures the drift."""
+    data = heading_alone((20.0, 0.0, 0.0), (0.0, 20.0, 0.0))
+    fitted = fit_base(data)
+    narrow, estimate = total_covariance(fitted), planar_result(data, fitted).estimate
+    wider = estimate.covariance - narrow
+    own = fit_likelihood(prepare_trials([run.trial for run in data.runs], data.vehicle).items, data.vehicle).estimate
+    for name in ("inertia", "linear_drag", "quadratic_drag"):
+        at = estimate.names.index(f"yaw.{name}")
+        assert wider[at, at] >= (1.0 - 1e-9) * own.standard_error(name) ** 2
+    assert any(text.startswith("Thrusters push ahead") for text in estimate.warnings)
 
 
 @pytest.mark.slow
