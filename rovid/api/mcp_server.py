@@ -1,7 +1,5 @@
 """Server of the Model Context Protocol: the documents of the commands as tools. It writes nothing."""
 
-from __future__ import annotations
-
 import functools
 import json
 from collections.abc import Callable

@@ -10,15 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from rovid.app.form_state import (
-    FormState,
-    choices_of,
-    columns_document,
-    parse_form,
-    read_form_data,
-    sha256_digest,
-    with_form_data,
-)
+from rovid.app import form_state
 from rovid.app.sandbox import RootFolder
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
 from rovid.core.input_files import read_toml, require_exists
@@ -70,11 +62,11 @@ class Api:
         config = self.config_file(paths)
         text = None if config is None else _read_text(config)
         own = text is not None and self.foreign_config(paths) is None
-        data = read_form_data(text) if own and text is not None else None
+        data = form_state.read_form_data(text) if own and text is not None else None
         existing: Document | None = None
         if config is not None and text is not None:
             kinds = sorted({READERS[file.suffix.lower()].kind for file in files})
-            choice = None if own else choices_of(text, kinds)
+            choice = None if own else form_state.choices_of(text, kinds)
             existing = {"file": self.root.name(config), "text": text, "choice": choice}
         vehicles = []
         for name in preset_names():
@@ -105,11 +97,11 @@ class Api:
         require_exists(path)
         with self._columns_lock:
             columns = self._read_columns(path, time_unit)
-            return columns_document(columns, needed, begin, end, min(max(bins, 10), 5000), turns)
+            return form_state.columns_document(columns, needed, begin, end, min(max(bins, 10), 5000), turns)
 
     def draft(self, document: object) -> Document:
         """The rovid.toml for the choices, the open questions, and equivalent commands."""
-        form = parse_form(document)
+        form = form_state.parse_form(document)
         paths = self.paths(form.logs)
         with self._survey_lock:
             guessed, survey = self._survey(paths, form)
@@ -127,7 +119,7 @@ class Api:
 
     def check(self, document: object) -> Document:
         """The result of `rovid check` for the choices, or for the user's own rovid.toml if there is one."""
-        form = parse_form(document)
+        form = form_state.parse_form(document)
         paths = self.paths(form.logs)
         self._checks += 1
         number = self._checks
@@ -148,13 +140,15 @@ class Api:
 
     def save(self, document: object) -> Document:
         """Write rovid.toml and the guessed thrust curve; only files that the page wrote are replaced."""
-        form = parse_form(document)
+        form = form_state.parse_form(document)
         with self._survey_lock:
             _, survey = self._survey(self.paths(form.logs), form)
         files = config_files(survey)
         config, *curves = files
         contents = {output: files[output].encode() for output in curves}
-        text = with_form_data(files[config], form, {output.path.name: data for output, data in contents.items()})
+        text = form_state.with_form_data(
+            files[config], form, {output.path.name: data for output, data in contents.items()}
+        )
         OutputSet([*files], force=_may_replace(files)).write({config: text, **contents})
         return {"written": [self.root.name(output.path) for output in files]}
 
@@ -163,7 +157,7 @@ class Api:
         config = self.config_file(paths)
         if config is None:
             return None
-        own = config.parent == config_folder(paths) and read_form_data(_read_text(config)) is not None
+        own = config.parent == config_folder(paths) and form_state.read_form_data(_read_text(config)) is not None
         return None if own else config
 
     def config_file(self, paths: Sequence[Path]) -> Path | None:
@@ -209,7 +203,7 @@ class Api:
         kind = READERS[file.suffix.lower()].kind
         return {"path": self.root.name(file), "name": name, "kind": kind, "bytes": file.stat().st_size}
 
-    def _survey(self, paths: Sequence[Path], form: FormState) -> tuple[LogSurvey, LogSurvey]:
+    def _survey(self, paths: Sequence[Path], form: form_state.FormState) -> tuple[LogSurvey, LogSurvey]:
         """The survey by rovid's guesses alone, and the survey with the user's choices."""
         key = (form.time_unit, *map(_file_key, log_files(paths, [])))
         if key not in self._logs_read:
@@ -240,7 +234,7 @@ class Api:
                 self._columns.pop(next(iter(self._columns)))
         return self._columns[key]
 
-    def _commands(self, form: FormState, folder: Path, guessed: LogSurvey) -> list[Document]:
+    def _commands(self, form: form_state.FormState, folder: Path, guessed: LogSurvey) -> list[Document]:
         """Command lines that do the same, for the folder in which `rovid open` was started."""
         logs = list(map(shell_word, form.logs))
         headings, commands = form.changes(guessed)
@@ -298,12 +292,12 @@ def _check(paths: Sequence[Path], config: Path, place: Path, *, planar: bool) ->
 def _may_replace(files: Mapping[OutputFile, str]) -> bool:
     """Whether the page wrote this rovid.toml unchanged since. Raises OutputError if a thrust curve was changed."""
     config, *curves = files
-    data = read_form_data(_read_text(config.path)) if config.path.is_file() else None
+    data = form_state.read_form_data(_read_text(config.path)) if config.path.is_file() else None
     if data is None:
         return False
     for output in filter(lambda output: output.path.is_file(), curves):
         content, digest = output.path.read_bytes(), data[1].get(output.path.name)
-        if content not in (b"", files[output].encode()) and sha256_digest(content) != digest:
+        if content not in (b"", files[output].encode()) and form_state.sha256_digest(content) != digest:
             mend = "If it is a measured curve now, rename it: rovid then uses it as one."
             raise OutputError("exists already and was changed since rovid wrote it.", where=output.path, mend=mend)
     return True

@@ -3,16 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from rovid.cli import sessions
-from rovid.cli.context import (
-    compile_in_background,
-    console,
-    is_planar,
-    named_axis,
-    open_logs,
-    prefetch_logs,
-    print_json,
-)
+from rovid.cli import context, sessions
 from rovid.cli.options import SharedOptions
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError, suggestion
@@ -21,7 +12,7 @@ from rovid.core.errors import ConfigError, suggestion
 def diagnose(logs: list[Path] | None = None, *, shared: SharedOptions) -> None:
     """Find the errors of the simulation and their causes."""
     force, budget = shared.force, shared.budget
-    if is_planar(shared):
+    if context.is_planar(shared):
         coupled = sessions.open_planar_session(logs, shared, require_sound=False)
         with progress("Diagnosing …", budget or coupled.study.logs.default_budget) as report:
             found = coupled.study.diagnosis(report, force=force, budget=budget)
@@ -31,8 +22,8 @@ def diagnose(logs: list[Path] | None = None, *, shared: SharedOptions) -> None:
             stored = sessions.store_planar_fit(coupled, found.extended.fit)
         sessions.print_result(found, coupled.study, stored, json=shared.json)
         return
-    with prefetch_logs(logs, shared) as prefetch:
-        if compile_in_background():
+    with context.prefetch_logs(logs, shared) as prefetch:
+        if context.compile_in_background():
             # The compilation already uses the second core.
             prefetch.stop()
         session = sessions.open_session(logs, shared, with_history=True, require_sound=False, prefetch=prefetch)
@@ -58,7 +49,7 @@ def effect(action: str, name: str, logs: list[Path] | None = None, *, shared: Sh
         text = "are missing: `rovid effect try FILE LOGS`." if action == "try" else "are only for `rovid effect try`."
         raise ConfigError(text, where="LOGS", mend="")
     if logs:
-        compile_in_background()
+        context.compile_in_background()
         from rovid.core.budget import Budget
         from rovid.diagnose.effect_trial import try_effect
         from rovid.effects import load_plugins
@@ -68,7 +59,7 @@ def effect(action: str, name: str, logs: list[Path] | None = None, *, shared: Sh
 
         load_plugins([Path(name)])
         forms = forms_of(Path(name))
-        study = open_logs(logs, None, named_axis(shared.axis))
+        study = context.open_logs(logs, None, context.named_axis(shared.axis))
         if study.runs is None:
             raise ConfigError("are tables; an effect is tried on logs only.", where="LOGS", mend="Give logs.")
         study.require_effects(forms)
@@ -76,9 +67,9 @@ def effect(action: str, name: str, logs: list[Path] | None = None, *, shared: Sh
         with progress("Fitting …") as report:
             found = try_effect(study.runs, study.vehicle, forms, Budget(seconds=study.default_budget, report=report))
         if shared.json:
-            print_json(effect_trial_document(found, study.remarks()))
+            context.print_json(effect_trial_document(found, study.remarks()))
         else:
-            show_effect_trial(console(), found, study.remarks())
+            show_effect_trial(context.console(), found, study.remarks())
     else:
         _write(name, shared)
 
@@ -95,17 +86,17 @@ def _write(name: str, shared: SharedOptions) -> None:
     OutputSet([*files], force=shared.force).write(files)
     paths = [str(file.path) for file in files]
     if shared.json:
-        print_json({"schema": "rovid-effect/1", "effect": name, "files": paths, "warnings": []})
+        context.print_json({"schema": "rovid-effect/1", "effect": name, "files": paths, "warnings": []})
         return
     for path in paths:
-        print_path(console(), f"written to {path}")
-    print_path(console(), f"Test it: pytest {paths[1]}")
-    print_path(console(), f"Try it: rovid effect try {paths[0]} LOGS")
+        print_path(context.console(), f"written to {path}")
+    print_path(context.console(), f"Test it: pytest {paths[1]}")
+    print_path(context.console(), f"Try it: rovid effect try {paths[0]} LOGS")
 
 
 def discover(logs: list[Path], *, write: Path | None = None, plot: Path | None = None, shared: SharedOptions) -> None:
     """Find a formula that predicts the unexplained torque."""
-    compile_in_background()
+    context.compile_in_background()
     from rovid.core.budget import Budget
     from rovid.core.output_files import EFFECT_FILE, OutputFile, OutputSet, png_signature
     from rovid.diagnose.formulas.discovery import discover as find_formulas
@@ -121,7 +112,7 @@ def discover(logs: list[Path], *, write: Path | None = None, plot: Path | None =
     files = {"effect": (write, EFFECT_FILE), "plot": (plot, png_signature("formula"))}
     wanted = {name: OutputFile(path, signature) for name, (path, signature) in files.items() if path is not None}
     outputs = OutputSet([*wanted.values()], force=shared.force, protected=input_files(logs))
-    study = open_logs(logs, None, named_axis(shared.axis))
+    study = context.open_logs(logs, None, context.named_axis(shared.axis))
     if study.runs is None:
         raise ConfigError("are tables; a formula is found in logs only.", where="LOGS", mend="Give logs.")
     if not shared.force:
@@ -141,10 +132,10 @@ def discover(logs: list[Path], *, write: Path | None = None, plot: Path | None =
     warnings = [*study.remarks(), *found.warnings]
     written = {name: str(file.path) for name, file in wanted.items()} if found.formulas else {}
     if shared.json:
-        print_json(discovery_document(found, warnings) | written)
+        context.print_json(discovery_document(found, warnings) | written)
         return
-    show_caution(console(), study.vehicle.assumptions)
-    show_discovery(console(), found)
-    show_warnings(console(), warnings)
+    show_caution(context.console(), study.vehicle.assumptions)
+    show_discovery(context.console(), found)
+    show_warnings(context.console(), warnings)
     for path in written.values():
-        print_path(console(), f"written to {path}")
+        print_path(context.console(), f"written to {path}")

@@ -5,15 +5,7 @@ from pathlib import Path
 
 import typer
 
-from rovid.cli.context import (
-    announce_compilation,
-    console,
-    is_planar,
-    named_axis,
-    print_json,
-    print_record,
-    reserve_outputs,
-)
+from rovid.cli import context
 from rovid.cli.options import SharedOptions
 from rovid.core.errors import LINE_LENGTH, DataError, display_text, shortened_list
 
@@ -33,24 +25,24 @@ def init(
     from rovid.present.documents.results import survey_document
     from rovid.present.terminal.results import show_survey
 
-    planar = is_planar(shared)
+    planar = context.is_planar(shared)
     # An existing file is an error before the logs are read.
     OutputSet([output_files(logs)[0]], force=shared.force)
     commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
     headings = (heading,) if heading else ()
     options = SurveyOptions(
-        axis=named_axis(shared.axis), headings=headings, commands=commands, vehicle=vehicle or "", planar=planar
+        axis=context.named_axis(shared.axis), headings=headings, commands=commands, vehicle=vehicle or "", planar=planar
     )
     found, written = write_config(survey(logs, options), logs, force=shared.force)
     if shared.json:
-        print_json(survey_document(found, written))
+        context.print_json(survey_document(found, written))
     else:
-        show_survey(console(), found, written)
+        show_survey(context.console(), found, written)
 
 
 def check(logs: list[Path], *, shared: SharedOptions) -> None:
     """Check the logs and list their content and problems."""
-    planar = is_planar(shared)
+    planar = context.is_planar(shared)
     from rovid.api.records import check_record
     from rovid.trial.config import find_config, load_config, load_planar_config
 
@@ -65,11 +57,11 @@ def check(logs: list[Path], *, shared: SharedOptions) -> None:
     else:
         from rovid.preflight.check import check_logs
 
-        announce_compilation()
-        config = load_config(find_config(logs), named_axis(shared.axis))
+        context.announce_compilation()
+        config = load_config(find_config(logs), context.named_axis(shared.axis))
         checked = check_logs(logs, config)
         record, problems, usable = check_record(checked, config.vehicle), checked.problems, len(checked.rows)
-    print_record(record, json=shared.json)
+    context.print_record(record, json=shared.json)
     if problems:
         name, problem = next(iter(problems.items()))
         bad = len(problems)
@@ -88,14 +80,14 @@ def convert(log: Path, *, output: Path, shared: SharedOptions) -> None:
     from rovid.trial.config import find_config, load_config
 
     target = output_at(output, log)
-    config = load_config(find_config([log]), named_axis(shared.axis))
-    outputs = reserve_outputs([target], [config.path.parent, log], force=shared.force)
+    config = load_config(find_config([log]), context.named_axis(shared.axis))
+    outputs = context.reserve_outputs([target], [config.path.parent, log], force=shared.force)
     converted = convert_log(log, config, output)
     outputs.write({target: converted.content})
     remarks = [remark.text for remark in converted.trial.remarks]
     if shared.json:
         document = {"schema": "rovid-convert/1", "file": str(output), "configuration": converted.mapping}
-        print_json(document | {"warnings": remarks})
+        context.print_json(document | {"warnings": remarks})
     else:
         typer.echo(converted.mapping, nl=False)
         sys.stderr.writelines(f"Note: {display_text(text, LINE_LENGTH)}\n" for text in remarks)

@@ -21,8 +21,6 @@ logged signal, become candidates. Six stages follow:
 Thresholds such as `max_rejections` stand in `rovid.diagnose.thresholds`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 

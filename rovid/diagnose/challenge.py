@@ -14,8 +14,6 @@ members. Forms that recover too little are dropped without a fit. The others are
 ends where it cannot come within `THRESHOLDS.goal_distance` of the selected set.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product

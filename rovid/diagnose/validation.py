@@ -5,8 +5,6 @@ Most functions take a `Selection` and return a new one; `rovid.diagnose.algorith
 selection and the effect. It returns why the effect fails, or an empty text.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace

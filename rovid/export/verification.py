@@ -13,20 +13,11 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, suggestion
 from rovid.core.output_files import OutputFile, export_mark, export_signature
-from rovid.export import ALIASES, FORMATS
+from rovid.export import ALIASES, FORMATS, thruster_curves
 from rovid.export.body_equation import BodyEquation
 from rovid.export.interface import PERIOD, ExportInput, ExportResult, Simulate
 from rovid.export.planar_input import PlanarInput
 from rovid.export.stability import Stability, judge_stability
-from rovid.export.thruster_curves import (
-    COMMAND_LAG,
-    NO_LAG,
-    THRUST_LAG,
-    ThrusterLag,
-    ThrusterUnit,
-    TrimShare,
-    constant_trim,
-)
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.numba_loops import first_order_sum
 
@@ -95,8 +86,8 @@ def unit_forces(
     subject: ExportInput | PlanarInput,
     commands: FloatArray,
     step: float,
-    units: Sequence[ThrusterUnit] | None = None,
-    lag: ThrusterLag = NO_LAG,
+    units: Sequence[thruster_curves.ThrusterUnit] | None = None,
+    lag: thruster_curves.ThrusterLag = thruster_curves.NO_LAG,
     delay: float = 0.0,
 ) -> FloatArray:
     """(m, 3) forces along surge and sway, and torque in yaw, in each ``step`` in s under (n, k) ``commands``.
@@ -108,12 +99,12 @@ def unit_forces(
     for unit in subject.units if units is None else units:
         curve = unit.curve
         beyond = repeat_held(commands[:, names.index(curve.name)] - curve.neutral, step)
-        if lag.key == COMMAND_LAG:
+        if lag.key == thruster_curves.COMMAND_LAG:
             beyond = first_order_lag(beyond, lag.time_constant, step)
         thrust = curve(curve.neutral + beyond)
         if delay:
             thrust = np.concatenate([np.full(round(delay / step), thrust[0]), thrust])[: len(thrust)]
-        if lag.key == THRUST_LAG:
+        if lag.key == thruster_curves.THRUST_LAG:
             thrust = first_order_lag(thrust, lag.time_constant, step)
         forces += np.outer(thrust, unit.lever)
     return forces
@@ -122,8 +113,8 @@ def unit_forces(
 def simulation(
     subject: ExportInput | PlanarInput,
     equation: BodyEquation,
-    units: Sequence[ThrusterUnit] | None = None,
-    lag: ThrusterLag = NO_LAG,
+    units: Sequence[thruster_curves.ThrusterUnit] | None = None,
+    lag: thruster_curves.ThrusterLag = thruster_curves.NO_LAG,
     delay: float = 0.0,
 ) -> Simulate:
     """Simulation of ``equation`` with thrusters as in `unit_forces`."""
@@ -164,7 +155,7 @@ class VerifiedExport:
     stability: Stability
     warnings: tuple[str, ...]
     velocities: Mapping[str, str]  #: Velocities that were compared, with their units.
-    trim: tuple[TrimShare, ...] = ()  #: Cancels the constant torque of the model.
+    trim: tuple[thruster_curves.TrimShare, ...] = ()  #: Cancels the constant torque of the model.
 
     @property
     def is_planar(self) -> bool:
@@ -236,10 +227,10 @@ def verified_export(exporter: Exporter, subject: ExportInput | PlanarInput) -> V
             base.append(loss(what, why, subject.motion(replace(subject.model, **bare), commands)))
         else:
             base.append(ExportLoss(what=what, why=why, percent_of_range=kept.percent_of_range))
-    notes, trim = [*subject.notes, *result.notes], list[TrimShare]()
+    notes, trim = [*subject.notes, *result.notes], list[thruster_curves.TrimShare]()
     if isinstance(subject, ExportInput):
         torque = subject.value("bias_torque", "torque")
-        trim = constant_trim(subject.curves, torque)
+        trim = thruster_curves.constant_trim(subject.curves, torque)
         if trim:
             parts = [f"{one.thruster} by {one.text}" for one in trim]
             notes.append(f"A constant torque of {torque:.3g} N m acts. A trim of {' and '.join(parts)} cancels it.")

@@ -2,8 +2,6 @@
 # ruff: noqa: SLF001 - numba has no public way to define validity
 # mypy: allow-untyped-calls
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib

@@ -1,7 +1,5 @@
 """Folders for compiled code and for matplotlib's font cache, also on machines with few writable places."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import os

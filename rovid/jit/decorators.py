@@ -3,8 +3,6 @@
 A function that is called by its address is compiled later, and changes no loop.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 from collections.abc import Callable

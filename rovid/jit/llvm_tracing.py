@@ -5,8 +5,6 @@ a stand-in writes an instruction into the loop. That takes a tenth of the time i
 Without compilation a traced function is an ordinary function.
 """
 
-from __future__ import annotations
-
 import dis
 import functools
 import operator

@@ -1,7 +1,5 @@
 """LLVM backend of the vector: the functions of `rovid.jit.simd` as instructions on vector registers."""
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable

@@ -7,8 +7,6 @@ Compiling takes several times as long.
 
 # mypy: allow-untyped-calls, allow-untyped-decorators
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable, Mapping

@@ -6,8 +6,6 @@ plain numbers too, so each formula is written once. Without compilation a vector
 Two backends compile these functions: `llvm_vector` with `llvm_tracing`, and the slower `plain_numba`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, TypeVar
 

@@ -1,7 +1,5 @@
 """Fit of the planar model to runs: maximum likelihood of the innovations of an extended Kalman filter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

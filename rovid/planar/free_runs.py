@@ -22,19 +22,8 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.estimate.estimate import r_squared
 from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, MAX_R2_LOSS
+from rovid.planar import dataset
 from rovid.planar.coordinates import PlanarSizes
-from rovid.planar.dataset import (
-    PlanarData,
-    PlanarRun,
-    SmoothRun,
-    mean_inputs,
-    measured_axes,
-    sensor_noise,
-    slowest_interval,
-    smooth_motion,
-    smooth_run,
-    smoothed,
-)
 from rovid.planar.equations import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
 from rovid.planar.likelihood import CriterionRows
 from rovid.planar.model import AXIS_NAMES, AXIS_SPEEDS, SENSORS, PlanarModel
@@ -115,7 +104,7 @@ class PlanarMotion:
 
 
 def simulate_planar(
-    model: PlanarModel, run: PlanarRun, start: FloatArray | None = None, *, yaw_only: bool = False
+    model: PlanarModel, run: dataset.PlanarRun, start: FloatArray | None = None, *, yaw_only: bool = False
 ) -> PlanarMotion:
     """Free-running simulation of ``run``.
 
@@ -129,10 +118,10 @@ def simulate_planar(
     return PlanarMotion.simulated(model, offsets, run.time, inputs, first[None], speed, yaw_only=yaw_only)
 
 
-def measured_start(run: PlanarRun) -> FloatArray:
+def measured_start(run: dataset.PlanarRun) -> FloatArray:
     """(6,) heading, u and v over ground, r, north and east at the first instant, by the readings; zeros where none."""
     start = np.zeros(6)
-    smooth = smooth_motion(run)
+    smooth = dataset.smooth_motion(run)
     if smooth is not None:
         start[1:4] = smooth.speeds[0]
     for at, name in ((0, "heading"), (4, "north"), (5, "east")):
@@ -141,7 +130,7 @@ def measured_start(run: PlanarRun) -> FloatArray:
     return start
 
 
-def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> FloatArray:
+def estimated_start(model: PlanarModel, run: dataset.PlanarRun, *, yaw_only: bool) -> FloatArray:
     """(6,) heading, u and v over ground, r, north and east at the first instant of a run.
 
     Least squares of the simulation against the readings of the first time constants, by the Gauss-Newton method.
@@ -155,7 +144,7 @@ def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> Fl
     index, sensor, value = run.event_index[:events], run.event_sensor[:events], run.event_value[:events]
     rows = slice(0, int(index[-1]) + 2)
     inputs, time = run.forces(model.actuator_effects).inputs[rows], run.time[rows]
-    noise = np.array([sensor_noise(run, SENSORS[at]) if at in sensor else 1.0 for at in range(len(SENSORS))])
+    noise = np.array([dataset.sensor_noise(run, SENSORS[at]) if at in sensor else 1.0 for at in range(len(SENSORS))])
     weight = 1.0 / np.where(noise > 0.0, noise, 1.0)[sensor]
 
     def simulated(first: FloatArray) -> FloatArray:
@@ -177,7 +166,7 @@ def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> Fl
     return start
 
 
-def free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool = False) -> Mapping[str, float]:
+def free_run_r2(model: PlanarModel, data: dataset.PlanarData, *, yaw_only: bool = False) -> Mapping[str, float]:
     """Axis -> R^2 of the free-running speed against the measured one; axes that are not measured are left out.
 
     Both come from readings of the same sensors through the same kernel.
@@ -185,13 +174,13 @@ def free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool = False)
     measured: list[FloatArray] = []
     simulated: list[FloatArray] = []
     for run in data.runs:
-        smooth = smooth_motion(run)
+        smooth = dataset.smooth_motion(run)
         if smooth is None:
             continue
         start = estimated_start(model, run, yaw_only=yaw_only)
         motion = simulate_planar(model, run, start, yaw_only=yaw_only)
         read = np.column_stack(list(map(motion.sensor, SENSORS)))[run.event_index, run.event_sensor]
-        other = smooth_motion(replace(run, event_value=read))
+        other = dataset.smooth_motion(replace(run, event_value=read))
         assert other is not None  # noqa: S101 - the measured run is as long
         measured.append(smooth.speeds)
         simulated.append(other.speeds)
@@ -199,12 +188,13 @@ def free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool = False)
         return {}
     whole, rest = np.concatenate(measured), np.concatenate(measured) - np.concatenate(simulated)
     known = [
-        on and (not yaw_only or name == "yaw") for name, on in zip(AXIS_NAMES, measured_axes(data.sensors), strict=True)
+        on and (not yaw_only or name == "yaw")
+        for name, on in zip(AXIS_NAMES, dataset.measured_axes(data.sensors), strict=True)
     ]
     return {name: r_squared(whole[:, at], rest[:, at]) for at, name in enumerate(AXIS_NAMES) if known[at]}
 
 
-def mean_free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool) -> float:
+def mean_free_run_r2(model: PlanarModel, data: dataset.PlanarData, *, yaw_only: bool) -> float:
     """Mean R^2 of the free-running speeds, each -1 at least."""
     with np.errstate(over="ignore", invalid="ignore"):
         r2 = free_run_r2(model, data, yaw_only=yaw_only)
@@ -215,20 +205,22 @@ def mean_free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool) ->
 class FreeRuns:
     """Smoothed runs in windows, whose simulations are compared with the smoothed speeds."""
 
-    data: PlanarData
+    data: dataset.PlanarData
     width: float  #: s; standard deviation of the smoothing kernel.
-    smooth: tuple[tuple[int, SmoothRun], ...]  #: Number of each run that is long enough, and its smoothed motion.
+    smooth: tuple[
+        tuple[int, dataset.SmoothRun], ...
+    ]  #: Number of each run that is long enough, and its smoothed motion.
     offsets: IntArray  #: (w + 1,) first row of each window, and the number of all rows.
     scale: FloatArray  #: (3,) typical speeds.
     usual: FloatArray  #: (a,) typical changes of the measured speeds.
     variance: FloatArray  #: (a,) of the errors, in SI, times their correlation time in samples.
 
     @classmethod
-    def of(cls, data: PlanarData, sizes: PlanarSizes) -> Self | None:
+    def of(cls, data: dataset.PlanarData, sizes: PlanarSizes) -> Self | None:
         """The runs of ``data``, with the same weight for errors of all axes; None where all runs are too short."""
-        slowest = max(map(slowest_interval, data.runs))
+        slowest = max(map(dataset.slowest_interval, data.runs))
         width = max(_WIDTH * float(sizes.time.min()), _LEAST_WIDTH * slowest)
-        found = [(at, one) for at, run in enumerate(data.runs) if (one := smooth_run(run, width)) is not None]
+        found = [(at, one) for at, run in enumerate(data.runs) if (one := dataset.smooth_run(run, width)) is not None]
         if not found:
             return None
         begin, offsets = 0, [0]
@@ -236,14 +228,14 @@ class FreeRuns:
             count = math.ceil(float(run.time[-1] - run.time[0]) / (_WINDOW * float(sizes.time.max())))
             offsets += [begin + round(len(run.time) * part / count) for part in range(1, count + 1)]
             begin += len(run.time)
-        axes = np.flatnonzero(measured_axes(data.sensors))
+        axes = np.flatnonzero(dataset.measured_axes(data.sensors))
         own = np.concatenate([run.speeds for _, run in found])[:, axes]
         usual = np.maximum(np.std(own, axis=0), _LEAST_CHANGE * np.sqrt(np.mean(own**2, axis=0)))
         return cls(data, width, tuple(found), np.array(offsets, dtype=np.intp), sizes.speed, usual, usual**2)
 
     @cached_property
     def _axes(self) -> IntArray:
-        return np.flatnonzero(measured_axes(self.data.sensors))
+        return np.flatnonzero(dataset.measured_axes(self.data.sensors))
 
     @cached_property
     def _measured(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -275,11 +267,11 @@ class FreeRuns:
         effects = model.actuator_effects
         if not effects:
             return self._plain_inputs
-        return self._held([mean_inputs(self.data.runs[at], self.width, effects) for at, _ in self.smooth])
+        return self._held([dataset.mean_inputs(self.data.runs[at], self.width, effects) for at, _ in self.smooth])
 
     @cached_property
     def _plain_inputs(self) -> FloatArray:
-        return self._held([mean_inputs(self.data.runs[at], self.width) for at, _ in self.smooth])
+        return self._held([dataset.mean_inputs(self.data.runs[at], self.width) for at, _ in self.smooth])
 
     def _differences(self, model: PlanarModel) -> FloatArray:
         """(n, a) simulated minus measured speeds in SI; bounded where the simulation diverges."""
@@ -290,7 +282,7 @@ class FreeRuns:
             found = np.column_stack(list(map(motion.sensor, AXIS_SPEEDS)))
             # The kernel of the measured speeds, over each run.
             ends = np.cumsum([len(run.time) for _, run in self.smooth])[:-1]
-            found = np.concatenate(list(map(smoothed, np.split(found, ends)))) - speeds
+            found = np.concatenate(list(map(dataset.smoothed, np.split(found, ends)))) - speeds
         return np.clip(np.where(np.isfinite(found), found, math.inf)[:, self._axes], -most, most)
 
     def errors(self, model: PlanarModel) -> Innovations:
@@ -321,7 +313,7 @@ def correlation_time(windows: Sequence[FloatArray]) -> float:
     return float(1.0 + 2.0 * np.sum((shares * positive)[1:]))
 
 
-def fit_free_runs(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
+def fit_free_runs(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptimum:
     """The best fit of free-running simulations from ``best`` and a regression, with its own noise and disturbance.
 
     Runs that are all too short for it leave ``best`` as it is.
@@ -349,7 +341,7 @@ def fit_free_runs(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     return found
 
 
-def misses_much(best: PlanarOptimum, data: PlanarData) -> bool:
+def misses_much(best: PlanarOptimum, data: dataset.PlanarData) -> bool:
     """Whether the model is so wrong that its likelihood says little.
 
     The innovations are not white, the disturbance is at its limit, and free-running simulations are poor.
@@ -359,7 +351,7 @@ def misses_much(best: PlanarOptimum, data: PlanarData) -> bool:
     return any(value < INNOVATIONS_R2 for value in free_run_r2(best.model, data).values())
 
 
-def better_simulating(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
+def better_simulating(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptimum:
     """``best``, or the fit of free-running simulations where the model misses much and that fit simulates better.
 
     What a user means by a wrong model is the free-running simulation.

@@ -11,13 +11,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.threads import thread_map
-from rovid.estimate.fisher_information import (
-    Innovations,
-    Jacobian,
-    NormalEquations,
-    jacobian_chunks,
-    total_negative_log_likelihood,
-)
+from rovid.estimate import fisher_information
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.equations import STATES
 from rovid.planar.kernels import NOISE_SENSOR, filter_runs
@@ -194,7 +188,7 @@ class PlanarLikelihood:
         """Whether the inputs depend on the coordinates."""
         return any(is_of_actuators(effect) for effect in self.coordinates.effects)
 
-    def evaluate(self, x: FloatArray) -> Innovations:
+    def evaluate(self, x: FloatArray) -> fisher_information.Innovations:
         """(N,) innovations that count, in SI and rad, or errors of free runs, then those of the priors; variances."""
         if self.free_runs is not None:
             parts = [self.free_runs.errors(self.coordinates.model(x))]
@@ -202,9 +196,9 @@ class PlanarLikelihood:
             parts = [self.filtered(x)[0], self.coordinates.disturbance_errors(x)]
         if self.grid.prior is not None:
             parts.append(self.grid.prior.errors(self.coordinates, x))
-        return Innovations(*map(np.concatenate, zip(*parts, strict=True)))
+        return fisher_information.Innovations(*map(np.concatenate, zip(*parts, strict=True)))
 
-    def filtered(self, x: FloatArray, *, keep: bool = False) -> tuple[Innovations, FloatArray]:
+    def filtered(self, x: FloatArray, *, keep: bool = False) -> tuple[fisher_information.Innovations, FloatArray]:
         """Innovations that count, or errors of free runs, without priors; (n, 12) filtered states if asked for."""
         grid, model = self.grid, self.coordinates.model(x)
         # An effect far outside its range may give forces that are not finite: the likelihood is then the worst.
@@ -229,14 +223,14 @@ class PlanarLikelihood:
             variance,
             states,
         )
-        own = Innovations(error[grid.used], variance[grid.used])
+        own = fisher_information.Innovations(error[grid.used], variance[grid.used])
         if self.free_runs is not None:
             own = self.free_runs.errors(model)
         return own, states
 
-    def value_of(self, innovations: Innovations) -> float:
+    def value_of(self, innovations: fisher_information.Innovations) -> float:
         """Negative log-likelihood of ``innovations``."""
-        return total_negative_log_likelihood(innovations, 1.0)
+        return fisher_information.total_negative_log_likelihood(innovations, 1.0)
 
     def value(self, x: FloatArray) -> float:
         """Negative log-likelihood at ``x``."""
@@ -246,7 +240,9 @@ class PlanarLikelihood:
         """Negative log-likelihood at each of the ``points``, on all cores."""
         return thread_map(self.value, points)
 
-    def jacobian(self, x: FloatArray, centre: Innovations | None = None) -> tuple[BoolArray, list[Jacobian]]:
+    def jacobian(
+        self, x: FloatArray, centre: fisher_information.Innovations | None = None
+    ) -> tuple[BoolArray, list[fisher_information.Jacobian]]:
         """(p,) free coordinates, and Jacobians by these; ``centre`` are the innovations at ``x`` where known."""
         free = self.free
         steps = self.coordinates.steps(x)
@@ -258,16 +254,18 @@ class PlanarLikelihood:
         found = thread_map(self.evaluate, points)
         if centre is None:
             centre = found.pop()
-        return free, list(jacobian_chunks(centre, found, steps[free], 1.0))
+        return free, list(fisher_information.jacobian_chunks(centre, found, steps[free], 1.0))
 
-    def equations(self, x: FloatArray, centre: Innovations | None = None) -> NormalEquations:
+    def equations(
+        self, x: FloatArray, centre: fisher_information.Innovations | None = None
+    ) -> fisher_information.NormalEquations:
         """(p,) gradient and (p, p) Fisher information; zeros for fixed coordinates."""
         free, pieces = self.jacobian(x, centre)
-        own = NormalEquations.from_jacobians(pieces)
+        own = fisher_information.NormalEquations.from_jacobians(pieces)
         gradient, information = np.zeros(len(x)), np.zeros((len(x), len(x)))
         gradient[free] = own.gradient
         information[np.ix_(free, free)] = own.information
-        return NormalEquations(gradient, information)
+        return fisher_information.NormalEquations(gradient, information)
 
     @property
     def of_logs(self) -> Self:

@@ -3,8 +3,6 @@
 Start values are those of a regression of inverse dynamics on smoothed speeds. docs/planar.md.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -19,16 +17,8 @@ from rovid.core.errors import DataError
 from rovid.effects.base import Scales
 from rovid.estimate.dataset import effect_scales
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS
+from rovid.planar import dataset
 from rovid.planar.coordinates import PlanarCoordinates, PlanarSizes
-from rovid.planar.dataset import (
-    PlanarData,
-    SmoothRun,
-    has_hidden_sway,
-    measured_axes,
-    sensor_noise,
-    smooth_motion,
-    smooth_run,
-)
 from rovid.planar.equations import SURGE
 from rovid.planar.likelihood import PlanarGrid, PlanarLikelihood
 from rovid.planar.model import BASE_COUNT, INPUT_COUNT, RUDDER_INPUTS, PlanarModel, RudderModel
@@ -70,7 +60,7 @@ class StartValues:
     residual: float  #: Share of the variance of the forces that the regression leaves.
 
 
-def planar_rudders(data: PlanarData) -> tuple[RudderModel, ...]:
+def planar_rudders(data: dataset.PlanarData) -> tuple[RudderModel, ...]:
     """The rudders of the vehicle, with what rovid.toml gives of them."""
     found = []
     for name, rudder in zip(data.actuators.rudder_names, data.actuators.rudders, strict=True):
@@ -80,7 +70,7 @@ def planar_rudders(data: PlanarData) -> tuple[RudderModel, ...]:
     return tuple(found)
 
 
-def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
+def start_values(data: dataset.PlanarData, *, with_current: bool) -> list[StartValues]:
     """Starts of the fit by several widths of the smoothing, and by the prior if there is one, which is the last.
 
     Raises
@@ -98,12 +88,12 @@ def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
         raise DataError("no run has three readings of one sensor.", mend="Give longer logs.")
     found = []
     for width in _WIDTHS:
-        runs = [smooth for run in data.runs if (smooth := smooth_run(run, width * max(intervals))) is not None]
+        runs = [smooth for run in data.runs if (smooth := dataset.smooth_run(run, width * max(intervals))) is not None]
         if sum(len(run.time) for run in runs) < 4 * BASE_COUNT:
             break
-        axes = np.array(measured_axes(data.sensors))
-        start = _start(data, SmoothRun.stacked(runs, _MOST_POINTS), axes, with_current=with_current)
-        if has_hidden_sway(data):
+        axes = np.array(dataset.measured_axes(data.sensors))
+        start = _start(data, dataset.SmoothRun.stacked(runs, _MOST_POINTS), axes, with_current=with_current)
+        if dataset.has_hidden_sway(data):
             slips = np.array([rudder.slipstream for rudder in start.model.rudders])
             rows = min(
                 _with_sway(runs, start),
@@ -121,7 +111,7 @@ def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
     return found
 
 
-def _with_sway(runs: Sequence[SmoothRun], start: StartValues) -> Iterator[SmoothRun]:
+def _with_sway(runs: Sequence[dataset.SmoothRun], start: StartValues) -> Iterator[dataset.SmoothRun]:
     """The ``runs``, thinned, with the sway of each of some hulls, where the logs measure surge and yaw alone.
 
     The centripetal force of a turn and the actuators drive the sway: m_v (v' + v/T) = Y - m_u u r. With the true m_v
@@ -143,10 +133,10 @@ def _with_sway(runs: Sequence[SmoothRun], start: StartValues) -> Iterator[Smooth
             speeds, accelerations = run.speeds.copy(), run.accelerations.copy()
             speeds[:, 1], accelerations[:, 1] = sway, push - sway / constant
             guess.append(replace(run, speeds=speeds, accelerations=accelerations))
-        yield SmoothRun.stacked(guess, _FEW_POINTS)
+        yield dataset.SmoothRun.stacked(guess, _FEW_POINTS)
 
 
-def _start(data: PlanarData, rows: SmoothRun, axes: BoolArray, *, with_current: bool) -> StartValues:
+def _start(data: dataset.PlanarData, rows: dataset.SmoothRun, axes: BoolArray, *, with_current: bool) -> StartValues:
     rudders = planar_rudders(data)
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
     if not speed[2] > 0.0 and not speed[:2].any():
@@ -177,20 +167,20 @@ def _start(data: PlanarData, rows: SmoothRun, axes: BoolArray, *, with_current: 
     return StartValues(model=model, current=current, force=force, speed=speed, time=time, residual=best)
 
 
-def with_own_sizes(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
+def with_own_sizes(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptimum:
     """The same model without effects, with the sizes of the sway that its filter estimates: the logs have none."""
     model, old, grid, runs = best.model, best.coordinates, best.likelihood.grid, []
     _, states = best.likelihood.filtered(best.x, keep=True)
     parts = (np.split(one, grid.offsets[1:-1]) for one in (grid.time, states[:, SURGE + 1]))
     for run, time, sway in zip(data.runs, *parts, strict=True):
-        if (rows := smooth_motion(run)) is None:
+        if (rows := dataset.smooth_motion(run)) is None:
             continue
         rows.speeds[:, 1] = np.interp(rows.time, time, sway)
         rows.accelerations[:, 1] = np.gradient(rows.speeds[:, 1], rows.time)
         for at, rudder in enumerate(model.rudders):
             rows.inputs[:, :INPUT_COUNT] += rudder.lift * _unit_rudder_forces(rudder, rudder.slipstream, rows, at)
         runs.append(rows)
-    rows = SmoothRun.stacked(runs, _MOST_POINTS)
+    rows = dataset.SmoothRun.stacked(runs, _MOST_POINTS)
     _, force, time = _plausible(model.base, rows, np.ones(3, dtype=bool), 0.0)
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
     start = StartValues(model=model, current=(0.0, 0.0), force=force, speed=speed, time=time, residual=0.0)
@@ -201,7 +191,7 @@ def with_own_sizes(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     return PlanarOptimum.fit(PlanarLikelihood(grid, coordinates), x)
 
 
-def _slipstreams(rudders: tuple[RudderModel, ...], rows: SmoothRun) -> list[FloatArray]:
+def _slipstreams(rudders: tuple[RudderModel, ...], rows: dataset.SmoothRun) -> list[FloatArray]:
     """Slipstream factors to try: the given ones, or those that add a share of the squared speed."""
     thrust = rows.inputs[:, INPUT_COUNT + 1 :: RUDDER_INPUTS]
     if not rudders or not thrust.any():
@@ -214,7 +204,7 @@ def _slipstreams(rudders: tuple[RudderModel, ...], rows: SmoothRun) -> list[Floa
 
 
 def _regression(
-    rows: SmoothRun, axes: BoolArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
+    rows: dataset.SmoothRun, axes: BoolArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
 ) -> tuple[float, FloatArray]:
     """Share of the variance left, and (10 + rudders,) base parameters and lifts, by bounded least squares.
 
@@ -275,7 +265,7 @@ def _bounded(columns: Sequence[FloatArray], target: FloatArray, free: tuple[int,
     return values, float(left) ** 2 * size**2 / power
 
 
-def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: SmoothRun, number: int) -> FloatArray:
+def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: dataset.SmoothRun, number: int) -> FloatArray:
     """(g, 3) forces of a rudder with a lift of 1; as `rovid.planar.reference.forces`."""
     u, v, r = rows.speeds.T
     angle, thrust = rows.inputs[:, INPUT_COUNT + RUDDER_INPUTS * number :][:, :RUDDER_INPUTS].T
@@ -289,7 +279,7 @@ def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: SmoothRun,
 
 
 def _plausible(
-    base: FloatArray, rows: SmoothRun, axes: BoolArray, lever: float
+    base: FloatArray, rows: dataset.SmoothRun, axes: BoolArray, lever: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Base parameters with positive inertia, (3,) RMS forces and (3,) time constants; ``lever`` of the rudders in m."""
     base = base.copy()
@@ -323,14 +313,14 @@ def _plausible(
     return base, force, np.clip(time, 1e-3, 1e6)
 
 
-def first_noise(data: PlanarData, name: str) -> float:
+def first_noise(data: dataset.PlanarData, name: str) -> float:
     """Median standard deviation of the noise of a sensor over all runs; NaN where it has too few readings."""
-    values = [sensor_noise(run, name) for run in data.runs if name in run.sensors]
+    values = [dataset.sensor_noise(run, name) for run in data.runs if name in run.sensors]
     finite = [value for value in values if math.isfinite(value)]
     return float(np.median(finite)) if finite else math.nan
 
 
-def planar_sizes(data: PlanarData, start: StartValues) -> PlanarSizes:
+def planar_sizes(data: dataset.PlanarData, start: StartValues) -> PlanarSizes:
     """Typical sizes of the runs, by the regression that gave ``start``."""
     longest = max(run.duration for run in data.runs)
     shortest = min(float(np.median(np.diff(run.time))) for run in data.runs)
@@ -351,7 +341,7 @@ def planar_sizes(data: PlanarData, start: StartValues) -> PlanarSizes:
     )
 
 
-def _effect_scales(data: PlanarData, start: StartValues, time: FloatArray) -> Scales:
+def _effect_scales(data: dataset.PlanarData, start: StartValues, time: FloatArray) -> Scales:
     columns = data.actuators.thruster_columns
     trials = [replace(run.trial, commands=run.trial.commands[:, columns], past=None) for run in data.runs]
     force, speed = start.force, start.speed
@@ -368,14 +358,14 @@ def _effect_scales(data: PlanarData, start: StartValues, time: FloatArray) -> Sc
 
 
 def planar_grid(
-    data: PlanarData, sizes: PlanarSizes, *, yaw_only: bool, interval: float, latency: FloatArray | None = None
+    data: dataset.PlanarData, sizes: PlanarSizes, *, yaw_only: bool, interval: float, latency: FloatArray | None = None
 ) -> PlanarGrid:
     """The runs as arrays of the compiled loops, with the smoothed speeds at the start of each."""
     starts = np.zeros((len(data.runs), 6))
     stds = np.zeros((len(data.runs), 6))
     stds[:, 1:4] = START_STD * sizes.speed
     for number, run in enumerate(data.runs):
-        smooth = smooth_run(run, max(0.3 * float(sizes.time.min()), 3.0 * float(np.median(np.diff(run.time)))))
+        smooth = dataset.smooth_run(run, max(0.3 * float(sizes.time.min()), 3.0 * float(np.median(np.diff(run.time)))))
         if smooth is not None:
             starts[number, 1:4] = smooth.speeds[0]
         for at, name, rate in ((0, "heading", 3), (4, "north", 1), (5, "east", 1)):

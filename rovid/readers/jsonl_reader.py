@@ -11,16 +11,7 @@ import numpy as np
 import pandas as pd
 
 from rovid.core.errors import LogError, suggestion
-from rovid.readers.message_fields import (
-    ABSENT,
-    FieldCollector,
-    Getter,
-    getter,
-    listed_fields,
-    numeric_fields,
-    split_fields,
-    stamp_getter,
-)
+from rovid.readers import message_fields
 from rovid.readers.raw_log import Channel, LogContents, RawLog, required_signals, required_time, wrong_format
 from rovid.readers.timestamps import SPLIT, clock_parts, column_to_seconds, guess_clock, start_epoch
 from rovid.trial.config import Config
@@ -44,7 +35,7 @@ def read(path: Path, config: Config) -> RawLog:
     clock = time.sources[KIND]
     get_time, in_ns = _clock(first[1], clock)
     collectors = {
-        name: FieldCollector(
+        name: message_fields.FieldCollector(
             signal, signal.sources[KIND], _steps(first[1], signal.sources[KIND]), mapping=True, where=str(path)
         )
         for name, signal in signals.items()
@@ -60,8 +51,8 @@ def read(path: Path, config: Config) -> RawLog:
             collector.take(one)
     for name, collector in collectors.items():
         if not (collector.seen or collector.signal.optional):
-            near = suggestion(collector.source, [*numeric_fields(first[1], "")])
-            text = f"never holds {collector.source!r} ({name}). {near} Its first keys: {listed_fields(first[1])}."
+            near = suggestion(collector.source, [*message_fields.numeric_fields(first[1], "")])
+            text = f"never holds {collector.source!r} ({name}). {near} Its first keys: {message_fields.listed_fields(first[1])}."
             raise LogError(text, where=path, mend=f"Correct {name} in rovid.toml, or leave this log out.")
     # Integers, as ns since 1970, lose digits in floats.
     whole = all(stamp is None or (isinstance(stamp, int) and abs(stamp) < _MAX_INTEGER) for stamp in stamps)
@@ -90,10 +81,12 @@ def sources(path: Path) -> LogContents:
         raise wrong_format(path, "JSON, one object a line")
     # A field may be absent at first, as a command of zero.
     every = [*sample, *_later_objects(path)]
-    names = dict.fromkeys(name for one in every for name in (*numeric_fields(one, "", stamps=True), *one))
+    names = dict.fromkeys(
+        name for one in every for name in (*message_fields.numeric_fields(one, "", stamps=True), *one)
+    )
     numbers = {}
     for name in names:
-        get = getter(_steps(sample[0], name), mapping=True)
+        get = message_fields.getter(_steps(sample[0], name), mapping=True)
         values = [_value(get, one) for one in every]
         if any(isinstance(value, int | float) for value in values) and not any(isinstance(v, str) for v in values):
             numbers[name] = np.array([np.nan if value is None else float(value) for value in values[: len(sample)]])
@@ -134,25 +127,25 @@ def _objects(path: Path, lost: list[int]) -> Iterator[tuple[int, dict[str, Any]]
 
 def _steps(sample: dict[str, Any], source: str) -> tuple[str, ...]:
     """Steps to ``source``, which may be one key with dots."""
-    return (source,) if source in sample else split_fields(source)
+    return (source,) if source in sample else message_fields.split_fields(source)
 
 
-def _clock(sample: dict[str, Any], clock: str) -> tuple[Getter, bool]:
+def _clock(sample: dict[str, Any], clock: str) -> tuple[message_fields.Getter, bool]:
     """Function that returns the time of an object, and whether it is in ns, from seconds and the rest of them."""
-    parts = clock_parts(clock, [*numeric_fields(sample, "", stamps=True)])
+    parts = clock_parts(clock, [*message_fields.numeric_fields(sample, "", stamps=True)])
     if parts is None:
         steps = _steps(sample, clock)
-        split = stamp_getter(sample, mapping=True, clock=steps)
-        return (getter(steps, mapping=True), False) if split is None else (split, True)
-    seconds, rest = (getter(_steps(sample, name), mapping=True) for name in (parts.seconds, parts.rest))
+        split = message_fields.stamp_getter(sample, mapping=True, clock=steps)
+        return (message_fields.getter(steps, mapping=True), False) if split is None else (split, True)
+    seconds, rest = (message_fields.getter(_steps(sample, name), mapping=True) for name in (parts.seconds, parts.rest))
     scale = round(1e9 * parts.unit)
     return lambda one: int(seconds(one)) * 1_000_000_000 + int(rest(one)) * scale, True
 
 
-def _value(get: Getter, one: dict[str, Any]) -> Any:
+def _value(get: message_fields.Getter, one: dict[str, Any]) -> Any:
     """A number or text; None where missing."""
     try:
         value = get(one)
-    except (*ABSENT, ValueError, OverflowError):
+    except (*message_fields.ABSENT, ValueError, OverflowError):
         return None
     return value if isinstance(value, int | float | str) and not isinstance(value, bool) else None

@@ -14,16 +14,8 @@ from numpy.typing import ArrayLike
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import ConfigError, LogError, suggestion
+from rovid.readers import raw_log
 from rovid.readers.build_trial import build
-from rovid.readers.raw_log import (
-    Channel,
-    LogContents,
-    RawLog,
-    require_library,
-    require_mark,
-    required_signals,
-    required_time,
-)
 from rovid.readers.timestamps import column_to_seconds, start_epoch, to_datetimes
 from rovid.trial.axis import CLOCK_WORDS, name_words
 from rovid.trial.config import Config
@@ -42,10 +34,10 @@ _ROWS, _BUFFER = 1 << 16, 1 << 18
 _READABLE = {"STRING", "ENUM", "DECIMAL", "FLOAT16"}
 
 
-def read(path: Path, config: Config) -> RawLog:
+def read(path: Path, config: Config) -> raw_log.RawLog:
     """Mapped columns of ``path``; ``pose.heading`` is a column inside another."""
-    signals = {"time": required_time(config, KIND), **required_signals(config, KIND, path)}
-    require_mark(path, _MARK, _FORMAT)
+    signals = {"time": raw_log.required_time(config, KIND), **raw_log.required_signals(config, KIND, path)}
+    raw_log.require_mark(path, _MARK, _FORMAT)
     sources = {name: signal.sources[KIND] for name, signal in signals.items()}
     clock, unit = sources["time"], signals["time"].unit
     times, columns = _columns(path, sources)
@@ -53,14 +45,14 @@ def read(path: Path, config: Config) -> RawLog:
     channels = {}
     for name, column in sources.items():
         if name != "time":
-            channels[name] = Channel(source=column, clock=clock, time=time, values=columns[column])
+            channels[name] = raw_log.Channel(source=column, clock=clock, time=time, values=columns[column])
     epoch = start_epoch(times, time, clock, unit)
-    return RawLog(channels=channels, place=lambda _, row: f"row {row + 1}", epoch=epoch)
+    return raw_log.RawLog(channels=channels, place=lambda _, row: f"row {row + 1}", epoch=epoch)
 
 
 def _columns(path: Path, sources: Mapping[str, str]) -> tuple[pd.Series[Any], dict[str, FloatArray]]:
     """The time, and the other mapped columns by name; read in batches of rows, which takes little memory."""
-    parquet = require_library("pyarrow.parquet", EXTRA, path)
+    parquet = raw_log.require_library("pyarrow.parquet", EXTRA, path)
     clock = sources["time"]
     signals = {column: name for name, column in sources.items() if name != "time"}
     with _reading(path):
@@ -117,7 +109,10 @@ def _check_columns(path: Path, footer: Any, sources: Mapping[str, str]) -> list[
 
 def _batches(path: Path, columns: list[str], texts: list[str]) -> Iterator[dict[str, Any]]:
     """Name -> values of ``columns``, in batches of rows; equal ``texts`` are decoded once."""
-    parquet, arrow = require_library("pyarrow.parquet", EXTRA, path), require_library("pyarrow", EXTRA, path)
+    parquet, arrow = (
+        raw_log.require_library("pyarrow.parquet", EXTRA, path),
+        raw_log.require_library("pyarrow", EXTRA, path),
+    )
     with _reading(path), parquet.ParquetFile(path, read_dictionary=texts, buffer_size=_BUFFER) as file:
         for batch in file.iter_batches(_ROWS, columns=columns, use_threads=False):
             table = arrow.Table.from_batches([batch])
@@ -133,24 +128,27 @@ def _batches(path: Path, columns: list[str], texts: list[str]) -> Iterator[dict[
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     """Convert the exceptions of pyarrow on damaged files."""
-    error = require_library("pyarrow", EXTRA, path).ArrowException
+    error = raw_log.require_library("pyarrow", EXTRA, path).ArrowException
     try:
         yield
     except (error, OSError, ValueError, LookupError, RuntimeError, MemoryError) as reason:
         raise _damaged(path, reason) from reason
 
 
-def sources(path: Path) -> LogContents:
+def sources(path: Path) -> raw_log.LogContents:
     """The column with a clock's name, if any, and every other column of numbers."""
-    require_mark(path, _MARK, _FORMAT)
-    parquet, types = require_library("pyarrow.parquet", EXTRA, path), require_library("pyarrow.types", EXTRA, path)
+    raw_log.require_mark(path, _MARK, _FORMAT)
+    parquet, types = (
+        raw_log.require_library("pyarrow.parquet", EXTRA, path),
+        raw_log.require_library("pyarrow.types", EXTRA, path),
+    )
     with _reading(path):
         schema = parquet.read_schema(path)
     counts = Counter(schema.names)
     clock = next((name for name in counts if counts[name] == 1 and name_words(name) & CLOCK_WORDS), "")
     numbers = [column.name for column in schema if types.is_integer(column.type) or types.is_floating(column.type)]
     unique = tuple(name for name in numbers if counts[name] == 1 and name != clock)
-    return LogContents(clock=clock, sources=unique)
+    return raw_log.LogContents(clock=clock, sources=unique)
 
 
 def _damaged(path: Path, error: Exception) -> LogError:
@@ -190,7 +188,7 @@ def _numbers(path: Path, values: Any, column: str, name: str, before: int) -> Fl
 
 def _series(path: Path, values: Any) -> pd.Series[Any]:
     """A pandas column; 64-bit integers with missing values stay integers."""
-    int64 = require_library("pyarrow", EXTRA, path).int64()
+    int64 = raw_log.require_library("pyarrow", EXTRA, path).int64()
     column = values.to_pandas(types_mapper={int64: pd.Int64Dtype()}.get)
     if not isinstance(column, pd.Series):  # pyarrow has no types.
         raise TypeError(type(column))
@@ -248,9 +246,9 @@ def _trial(frame: pd.DataFrame, config: Config, name: str) -> Trial:
             row = int(np.argmax(wrong))
             text = f"{column} is {str(frame[column].iloc[row])[:40]!r}; a number was expected."
             raise LogError(text, where=f"{name}: row {row + 1}", mend="Delete the row, or set the cell to NaN.")
-        channels[signal] = Channel(source=column, clock=clock, time=time, values=values)
+        channels[signal] = raw_log.Channel(source=column, clock=clock, time=time, values=values)
     epoch = start_epoch(stamps, time, clock, unit)
-    raw = RawLog(channels=channels, place=lambda _, row: f"row {row + 1}", epoch=epoch)
+    raw = raw_log.RawLog(channels=channels, place=lambda _, row: f"row {row + 1}", epoch=epoch)
     return build(raw, config, NO_FILE, name)
 
 
