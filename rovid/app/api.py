@@ -96,8 +96,12 @@ class Api:
         path = self.root.path(name)
         require_exists(path)
         with self._columns_lock:
-            columns = self._read_columns(path, time_unit)
-            return form_state.columns_document(columns, needed, begin, end, min(max(bins, 10), 5000), turns)
+            key = (time_unit, *_file_key(path))
+            if key not in self._columns:
+                self._columns[key] = read_columns(path, time_unit)[1]
+                while len(self._columns) > 1 and sum(map(_size_in_memory, self._columns.values())) > _CACHE_SIZE:
+                    self._columns.pop(next(iter(self._columns)))
+            return form_state.columns_document(self._columns[key], needed, begin, end, min(max(bins, 10), 5000), turns)
 
     def draft(self, document: object) -> Document:
         """The rovid.toml for the choices, the open questions, and equivalent commands."""
@@ -224,15 +228,6 @@ class Api:
         if (key, options) not in self._surveys:
             self._surveys[key, options] = survey_read_logs(self._logs_read[key], options)
         return self._surveys[key, options]
-
-    def _read_columns(self, path: Path, time_unit: str) -> Mapping[str, RawColumn]:
-        key = (time_unit, *_file_key(path))
-        if key not in self._columns:
-            _, columns, _ = read_columns(path, time_unit)
-            self._columns[key] = columns
-            while len(self._columns) > 1 and sum(map(_size_in_memory, self._columns.values())) > _CACHE_SIZE:
-                self._columns.pop(next(iter(self._columns)))
-        return self._columns[key]
 
     def _commands(self, form: form_state.FormState, folder: Path, guessed: LogSurvey) -> list[Document]:
         """Command lines that do the same, for the folder in which `rovid open` was started."""

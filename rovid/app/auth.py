@@ -127,7 +127,8 @@ class TokenGuard:
         if scope["type"] != "http":
             return
         first, slash, rest = scope["path"].removeprefix("/").partition("/")
-        if not self._has_our_host(scope):
+        # Another site's name may resolve to this machine (DNS rebinding).
+        if _values(scope, b"host") != [self.origin.removeprefix("http://").encode()]:
             await _answer(send, 403, _REFUSED)
         elif slash and self._is_same_site(scope) and (inside := self._path_inside(first, rest)):
             scope.get("state", {}).get(KNOWN, []).append(True)
@@ -145,10 +146,6 @@ class TokenGuard:
         if hmac.compare_digest(first.encode(), self.token.encode()):
             return None if rest.startswith("report/") else f"/{rest}"
         return f"/report/{rest}" if first == "report" and rest in self.report_keys else None
-
-    def _has_our_host(self, scope: Message) -> bool:
-        """Whether the host header is ours: another site's name may resolve to this machine (DNS rebinding)."""
-        return _values(scope, b"host") == [self.origin.removeprefix("http://").encode()]
 
     def _is_same_site(self, scope: Message) -> bool:
         """Whether no other site sent the request; a typed address has no site."""

@@ -144,9 +144,8 @@ def _common_scale(before: Parameters, after: Parameters) -> float:
         return 1.0
     if differences := before.settings.changes(after.settings, drive_alone=True):
         text = f"rests on another thrust than {before.path}: {'; '.join(differences)}."
-        raise ConfigError(
-            text, where=after.path, mend="Fit both with the same thrusters and thrust_scale in rovid.toml."
-        )
+        mend = "Fit both with the same thrusters and thrust_scale in rovid.toml."
+        raise ConfigError(text, where=after.path, mend=mend)
     if "thrust_scale_error" not in after.settings.drive:
         return 1.0
     from rovid.trial.config import find_config, load_config

@@ -74,10 +74,8 @@ def _spelled(character: str) -> str:
 def machine_error(error: Exception) -> str:
     """Message on an error of the machine that no user's input causes; empty for any other error."""
     if isinstance(error, MemoryError) or any(sign in str(error) for sign in _NO_MEMORY):
-        return (
-            "there is not enough memory. rovid needs about 1 GB, and more for many hours of logs. Close other "
-            "programs, raise the limit (ulimit -v, or that of the container), or give fewer or shorter logs."
-        )
+        text = "there is not enough memory. rovid needs about 1 GB, and more for many hours of logs. Close other "
+        return f"{text}programs, raise the limit (ulimit -v, or that of the container), or give fewer or shorter logs."
     if not isinstance(error, OSError):
         return ""
     if error.errno == errno.ENAMETOOLONG:

@@ -18,10 +18,17 @@ from scipy.optimize import nnls
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import TextTemplates, xml_attribute
 from rovid.core.output_files import export_mark
-from rovid.export import thruster_curves
 from rovid.export.body_equation import Scheme
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.planar_input import PlanarInput
+from rovid.export.thruster_curves import (
+    THRUST_LAG,
+    ThrusterCurve,
+    ThrusterLag,
+    curve_comment,
+    number_list,
+    thruster_inputs,
+)
 from rovid.export.verification import simulation
 
 _TEXTS = TextTemplates(__file__, "stonefish")
@@ -47,7 +54,7 @@ def export_stonefish(subject: ExportInput) -> ExportResult:
     error = float(np.max(np.abs(columns @ torques - wanted))) / float(wanted[-1]) if wanted[-1] > 0.0 else 0.0
     length, width = vehicle.length or 1.0, vehicle.width or 1.0
     form_drag, friction = _mesh_integrals(length, width)
-    inputs, input_note = thruster_curves.thruster_inputs(curves, lag)
+    inputs, input_note = thruster_inputs(curves, lag)
     thrusters = ""
     for curve, table in zip(inputs, curves, strict=True):
         if curve.side:
@@ -128,19 +135,19 @@ def _box_mesh(half: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return a, b, c
 
 
-def _thruster(curve: thruster_curves.ThrusterCurve, table: thruster_curves.ThrusterCurve, lag: float) -> str:
+def _thruster(curve: ThrusterCurve, table: ThrusterCurve, lag: float) -> str:
     # FRD: a force along side*y at x = side*arm has the torque arm*thrust about z.
     rotor = '<rotor_dynamics type="zero_order"/>'
     if lag > 0.0:
         rotor = f'<rotor_dynamics type="first_order"><time_constant value="{lag:.10g}"/></rotor_dynamics>'
     limit = float(np.max(np.abs(curve.command)))
     return _TEXTS["thruster"].format(
-        comment=thruster_curves.curve_comment(table),
+        comment=curve_comment(table),
         name=curve.identifier,
         limit=limit,
         rotor=rotor,
-        commands=thruster_curves.number_list(curve.command),
-        thrusts=thruster_curves.number_list(curve.thrust),
+        commands=number_list(curve.command),
+        thrusts=number_list(curve.thrust),
         place=curve.side * curve.arm,
         direction=curve.side * np.pi / 2.0,
     )
@@ -174,9 +181,9 @@ def export_mujoco(subject: ExportInput) -> ExportResult:
     if bias:
         note = f'    <general name="bias_torque" joint="yaw" gainprm="0" biastype="affine" biasprm="{bias:.10g} 0 0"/>'
         actuators.append(note)
-    damping = thruster_curves.number_list(np.array([model.linear_drag, model.quadratic_drag, cubic]))
+    damping = number_list(np.array([model.linear_drag, model.quadratic_drag, cubic]))
     spring = f' stiffness="{stiffness:.10g}"' if stiffness else ""
-    inertia = thruster_curves.number_list(np.full(3, model.inertia))
+    inertia = number_list(np.full(3, model.inertia))
     text = f'      <inertial pos="0 0 0" mass="{subject.mass:.10g}" diaginertia="{inertia}"/>'
     body = (f'      <joint name="yaw" type="hinge" axis="0 0 1" damping="{damping}"{spring}/>', text)
     content = _model(subject, curves, body, actuators)
@@ -185,9 +192,7 @@ def export_mujoco(subject: ExportInput) -> ExportResult:
     words = "The whole inertia is the body's; its other axes, and the mass where not known, are stand-ins."
     return ExportResult(
         content=content,
-        simulate=simulation(
-            subject, equation, lag=thruster_curves.ThrusterLag(lag, thruster_curves.THRUST_LAG), delay=delay
-        ),
+        simulate=simulation(subject, equation, lag=ThrusterLag(lag, THRUST_LAG), delay=delay),
         equation=equation,
         kept_effects=subject.curve_keys | (_KEPT & subject.effects.keys()),
         notes=("z is up: a yaw rate there is minus rovid's, which grows with the heading.", *_NOTES, words),
@@ -195,14 +200,11 @@ def export_mujoco(subject: ExportInput) -> ExportResult:
 
 
 def _model(
-    subject: ExportInput | PlanarInput,
-    curves: Sequence[thruster_curves.ThrusterCurve],
-    body: Sequence[str],
-    actuators: Sequence[str],
+    subject: ExportInput | PlanarInput, curves: Sequence[ThrusterCurve], body: Sequence[str], actuators: Sequence[str]
 ) -> str:
     """A model of one body with the thrust curves as tables; ``body`` and ``actuators`` are lines of XML."""
     tables = [
-        f'    <numeric name="{curve.identifier}_{kind}" data="{thruster_curves.number_list(values)}"/>'
+        f'    <numeric name="{curve.identifier}_{kind}" data="{number_list(values)}"/>'
         for curve in curves
         for kind, values in (("command", curve.command), ("thrust", curve.thrust))
     ]
@@ -253,8 +255,8 @@ def export_planar_mujoco(subject: PlanarInput) -> ExportResult:
     body = (
         '      <joint name="x" type="slide" axis="1 0 0"/>',
         '      <joint name="y" type="slide" axis="0 1 0"/>',
-        f'      <joint name="yaw" type="hinge" axis="0 0 1" damping="{thruster_curves.number_list(base[[6, 9]])}"/>',
-        f'      <inertial pos="{ahead:.10g} 0 0" mass="{mass:.10g}" diaginertia="{thruster_curves.number_list(np.full(3, izz))}"/>',
+        f'      <joint name="yaw" type="hinge" axis="0 0 1" damping="{number_list(base[[6, 9]])}"/>',
+        f'      <inertial pos="{ahead:.10g} 0 0" mass="{mass:.10g}" diaginertia="{number_list(np.full(3, izz))}"/>',
         '      <site name="origin"/>',
         *sites,
     )
@@ -269,8 +271,8 @@ def export_planar_mujoco(subject: PlanarInput) -> ExportResult:
     return ExportResult(
         content=content,
         equation=equation,
-        simulate=simulation(subject, equation, lag=thruster_curves.ThrusterLag(lag, thruster_curves.THRUST_LAG)),
-        kept_effects=subject.curve_keys | (subject.effects.keys() & {"bias_torque:planar", thruster_curves.THRUST_LAG}),
+        simulate=simulation(subject, equation, lag=ThrusterLag(lag, THRUST_LAG)),
+        kept_effects=subject.curve_keys | (subject.effects.keys() & {"bias_torque:planar", THRUST_LAG}),
         base_losses=losses,
         notes=("z is up: sway and yaw rate there are minus rovid's.", *_NOTES),
     )

@@ -22,10 +22,8 @@ def can_cache() -> bool:
         return False
     if _numba_can_cache() or _use_private_folder():
         return True
-    sys.stderr.write(
-        "Note: there is no writable folder for compiled code. Each run compiles anew, which takes some ten seconds. "
-        "Set NUMBA_CACHE_DIR to a writable folder.\n"
-    )
+    text = "Note: there is no writable folder for compiled code. Each run compiles anew, which takes some ten seconds. "
+    sys.stderr.write(f"{text}Set NUMBA_CACHE_DIR to a writable folder.\n")
     return False
 
 

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_inputs import interpolate_gaps, neutral_commands
 from rovid.effects.base import TERM_STATES, Body
 from rovid.model.bound_effects import Equation, PackedTerms
@@ -133,7 +133,14 @@ def driven_initial_rate(
 
     The time is shorter where the residuals of the positions exceed the sensor noise by the factor ``most_misfit``.
     """
-    early = _initial_rows(trial, natural_frequency)
+    changed = np.flatnonzero(np.any(trial.commands != trial.commands[0], axis=1))
+    # Half an interval more: rounding decides nothing.
+    longest = (_START_INTERVALS + 0.5) * trial.sampling_interval
+    unchanged = trial.time[changed[0]] - trial.time[0] if changed.size else longest
+    limit = _START_PHASE / natural_frequency if natural_frequency > 0.0 else longest
+    known = np.flatnonzero(trial.measured)
+    early = known[trial.time[known] <= trial.time[0] + min(unchanged, limit, longest)]
+    early = early if len(early) >= _START_SAMPLES else known[:_START_SAMPLES]
     time = trial.time[early] - trial.time[0]
     if trial.rate is not None and (measured := np.isfinite(trial.rate[early])).any():
         rates, noise = trial.rate[early][measured], white_noise(trial.rate)
@@ -162,18 +169,6 @@ def _start_of_polynomial(
     freedom = max(len(time) - degree - 1, 1)
     misfit = float(np.linalg.norm(values - powers @ found)) / freedom**0.5 / noise if noise > 0.0 else 0.0
     return float(found[derivative]), error, misfit
-
-
-def _initial_rows(trial: Trial, natural_frequency: float) -> IntArray:
-    """Indices of measured samples before the first change of a command; at least the first few."""
-    changed = np.flatnonzero(np.any(trial.commands != trial.commands[0], axis=1))
-    # Half an interval more: rounding decides nothing.
-    longest = (_START_INTERVALS + 0.5) * trial.sampling_interval
-    unchanged = trial.time[changed[0]] - trial.time[0] if changed.size else longest
-    limit = _START_PHASE / natural_frequency if natural_frequency > 0.0 else longest
-    known = np.flatnonzero(trial.measured)
-    early = known[trial.time[known] <= trial.time[0] + min(unchanged, limit, longest)]
-    return early if len(early) >= _START_SAMPLES else known[:_START_SAMPLES]
 
 
 def euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:

@@ -150,11 +150,8 @@ def add_effect(base: PlanarOptimum, effect: Effect, data: PlanarData) -> PlanarO
     Raises DataError if the effect couples surge and sway, and neither is measured.
     """
     if base.likelihood.grid.yaw_only and isinstance(effect.acts, Coupling | WaterCurrent):
-        raise DataError(
-            "these logs measure the heading alone.",
-            where=effect.key,
-            mend="Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml.",
-        )
+        mend = "Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml."
+        raise DataError("these logs measure the heading alone.", where=effect.key, mend=mend)
     return base.with_effect(effect, _current_starts(base, effect, data))
 
 

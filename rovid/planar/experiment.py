@@ -253,9 +253,8 @@ def plan_planar(data: PlanarData, best: PlanarOptimum, limits: RunLimits, narrow
 def _warnings(fit: PlanarFit, allocation: PlanarAllocation, *, guessed: bool) -> list[str]:
     found = list(fit.warnings)
     if guessed:
-        found.append(
-            "The prediction depends on parameters that these logs do not determine: begin with small commands."
-        )
+        text = "The prediction depends on parameters that these logs do not determine: begin with small commands."
+        found.append(text)
     if fit.at_limit or not fit.white:
         found.append("The model misses something in these logs: the predicted standard errors are rough.")
     if allocation.unused:

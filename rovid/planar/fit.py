@@ -209,11 +209,10 @@ def _require_measured(data: PlanarData) -> None:
     mend = "Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml."
     if data.actuators.rudders:
         name = data.actuators.rudder_names[0]
-        raise DataError(
+        text = (
             f"the force of {name} depends on the speed through the water, and these logs measure neither a speed nor "
-            "a position.",
-            mend=mend,
         )
+        raise DataError(f"{text}a position.", mend=mend)
     if not any(run.forces().force[:, 2].any() for run in data.runs):
         raise DataError("no actuator turns the vehicle in these logs, which measure the heading alone.", mend=mend)
 
@@ -372,7 +371,6 @@ def _warnings(
     mass, base = data.vehicle.mass, best.model.base
     for at, name in enumerate(("surge.inertia", "sway.inertia")):
         if mass is not None and name not in refused and base[at] < _LEAST_RIGID * mass:
-            yield (
-                f"{name} is {significant(float(base[at]), 3)} kg, less than the vehicle's mass of "
-                f"{significant(mass, 3)} kg: the thrust curves promise less force than acts, or the mass is wrong."
-            )
+            text = f"{name} is {significant(float(base[at]), 3)} kg, less than the vehicle's mass of "
+            text += f"{significant(mass, 3)} kg: the thrust curves promise less force than acts, or the mass is wrong."
+            yield text

@@ -107,11 +107,6 @@ class PlanarGrid:
             prior=data.prior,
         )
 
-    @cached_property
-    def event_time(self) -> FloatArray:
-        """(m,) s of each reading."""
-        return np.repeat(self.time, np.diff(self.event_offsets))
-
     def inputs(self, model: PlanarModel) -> FloatArray:
         """(n, k) inputs of ``model``: means from each instant to the next."""
         effects = model.actuator_effects
@@ -174,7 +169,8 @@ class PlanarLikelihood:
     def rows(self) -> CriterionRows:
         """Where the errors of `evaluate` come from."""
         used, prior = self.grid.used, self.grid.prior
-        rows = CriterionRows(self.grid.run_index[used], self.grid.event_time[used], self.grid.sensors[used])
+        time = np.repeat(self.grid.time, np.diff(self.grid.event_offsets))
+        rows = CriterionRows(self.grid.run_index[used], time[used], self.grid.sensors[used])
         count = 0 if prior is None else len(prior.values)
         if self.free_runs is not None:
             rows = self.free_runs.rows
@@ -182,11 +178,6 @@ class PlanarLikelihood:
             count += NOISE_SENSOR
         ends = (np.full(count, end) for end in (-1, 0.0, -1))
         return CriterionRows(*(np.concatenate(pair) for pair in zip(rows, ends, strict=True)))
-
-    @property
-    def has_actuator_effects(self) -> bool:
-        """Whether the inputs depend on the coordinates."""
-        return any(is_of_actuators(effect) for effect in self.coordinates.effects)
 
     def evaluate(self, x: FloatArray) -> fisher_information.Innovations:
         """(N,) innovations that count, in SI and rad, or errors of free runs, then those of the priors; variances."""
@@ -203,7 +194,7 @@ class PlanarLikelihood:
         grid, model = self.grid, self.coordinates.model(x)
         # An effect far outside its range may give forces that are not finite: the likelihood is then the worst.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            inputs = grid.inputs(model) if self.has_actuator_effects else grid.plain_inputs
+            inputs = grid.inputs(model) if any(map(is_of_actuators, self.coordinates.effects)) else grid.plain_inputs
         error, variance = np.empty((2, len(grid.values)))
         states = np.zeros((len(grid.time) if keep else 0, STATES))
         filter_runs(

@@ -268,10 +268,8 @@ class Linearisation:
         for piece in pieces:
             matrix[piece.rows, :][:, free], matrix[count:][piece.rows, :][:, free] = np.split(piece.matrix, 2)
         if not np.isfinite(matrix).all():
-            raise DataError(
-                "the coupled model fits these logs so badly that causes cannot be tested: the filter diverges.",
-                mend="Run `rovid check --axes planar`, and `rovid diagnose` for yaw alone.",
-            )
+            text = "the coupled model fits these logs so badly that causes cannot be tested: the filter diverges."
+            raise DataError(text, mend="Run `rovid check --axes planar`, and `rovid diagnose` for yaw alone.")
         return cls(optimum, centre, matrix)
 
 

@@ -102,10 +102,8 @@ def start_values(data: dataset.PlanarData, *, with_current: bool) -> list[StartV
             start = _start(data, rows, np.ones(3, dtype=bool), with_current=False)
         found.append(start)
     if not found:
-        raise DataError(
-            f"the runs are too short: {max(run.duration for run in data.runs):.1f} s at most.",
-            mend="Give longer logs, or readings at a higher rate.",
-        )
+        text = f"the runs are too short: {max(run.duration for run in data.runs):.1f} s at most."
+        raise DataError(text, mend="Give longer logs, or readings at a higher rate.")
     if data.prior is not None:
         found.append(replace(found[0], model=data.prior.start(found[0].model)))
     return found

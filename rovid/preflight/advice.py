@@ -139,10 +139,8 @@ def _feedback(feedback: Sequence[Feedback], axis: Axis) -> Iterator[Advice]:
     """Feedback, and reversals that may be timed by a clock instead."""
     certain = [one for one in feedback if one.chance < SIGNIFICANCE_LEVEL]
     if certain:
-        text = (
-            "Use `rovid fit` and `rovid diagnose`, which are valid under feedback; `fit-drag` and `fit-inertia` are "
-            f"biased by it. {feedback_text(certain, axis)}"
-        )
+        text = "Use `rovid fit` and `rovid diagnose`, which are valid under feedback; `fit-drag` and `fit-inertia` are "
+        text += f"biased by it. {feedback_text(certain, axis)}"
         yield Advice(kind="feedback", text=text)
     uncertain = [one for one in feedback if one.chance >= SIGNIFICANCE_LEVEL]
     if uncertain:
@@ -161,10 +159,8 @@ def feedback_text(certain: Sequence[Feedback], axis: Axis) -> str:
     rarity = "fewer than one log in a million"
     if chance >= 1e-6:
         rarity = f"one log in {10 ** math.floor(-math.log10(chance))}"
-    return (
-        f"There is feedback, by an autopilot or a pilot: {'; '.join(_evidence(certain, axis))}. By chance, {rarity} "
-        "shows as much."
-    )
+    text = f"There is feedback, by an autopilot or a pilot: {'; '.join(_evidence(certain, axis))}. By chance, {rarity} "
+    return f"{text}shows as much."
 
 
 def _evidence(feedback: Sequence[Feedback], axis: Axis) -> Iterator[str]:
@@ -206,11 +202,9 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
     if min(up, down) < _LEVELS:
         settling = "some swings" if axis.self_righting else "five time constants plus a minute"
         parameter = "Stiffness" if axis.self_righting else "Drag"
-        text = (
-            f"Hold the command at {_LEVELS} levels or more each way, each for {settling}: you have {up} with the "
-            f"{axis.position_words} growing and {down} with it falling. {parameter} and differences between the "
-            "directions depend on them."
-        )
+        text = f"Hold the command at {_LEVELS} levels or more each way, each for {settling}: you have {up} with the "
+        text += f"{axis.position_words} growing and {down} with it falling. {parameter} and differences between the "
+        text += "directions depend on them."
         yield Advice(kind="holds", text=text)
     # A run's first cycle, and the last one without a torque after it, are not counted in `SineRun`.
     periods = _count_levels([sine.period for sine in sines if sine.cycles >= _CYCLES - 2])
@@ -231,10 +225,8 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
             text = f"Tilt the vehicle, let go of it and wait {significant(needed, 2)} s or more: there is no release."
         yield Advice(kind="coast", text=text)
     if len(vehicle.thrusters) > 1 and not _has_single_thruster_run(runs, vehicle):
-        text = (
-            "Run each thruster by itself, both ways: none runs alone for long enough, and an imbalance between them "
-            "cannot be found."
-        )
+        text = "Run each thruster by itself, both ways: none runs alone for long enough, and an imbalance between them "
+        text += "cannot be found."
         yield Advice(kind="one_thruster", text=text)
 
 

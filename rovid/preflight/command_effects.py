@@ -338,16 +338,12 @@ class ThrusterCheck:
     def text(self, axis: Axis) -> str:
         """Advice on a thruster that is reversed or ineffective; else empty."""
         if self.is_reversed:
-            return (
-                f"Turn {axis.arm_key} of {self.name} around, or correct the mapping of its command: more of its "
-                f"{axis.force_name} makes the {axis.position_words} fall ({self.observed.text})."
-            )
+            text = f"Turn {axis.arm_key} of {self.name} around, or correct the mapping of its command: more of its "
+            return f"{text}{axis.force_name} makes the {axis.position_words} fall ({self.observed.text})."
         if self.is_ineffective:
-            return (
-                f"Leave {self.name} out, or check its {axis.arm_key}, curve and command: it {axis.motion_verb} the "
-                f"vehicle by {100.0 * self.strength:.0f} ± {100.0 * self.error:.0f} % of what the other thrusters "
-                "make expect."
-            )
+            words = f"Leave {self.name} out, or check its {axis.arm_key}, curve and command: it {axis.motion_verb} the "
+            words += f"vehicle by {100.0 * self.strength:.0f} ± {100.0 * self.error:.0f} % of what the other thrusters "
+            return f"{words}make expect."
         return ""
 
 
@@ -355,10 +351,8 @@ def all_reversed(checks: Sequence[ThrusterCheck], axis: Axis) -> str:
     """Advice where each of several thrusters is reversed, as by a heading counted to port (ENU); else empty."""
     if len(checks) < 2 or not all(check.is_reversed for check in checks):
         return ""
-    return (
-        f"More {axis.force_name} of every thruster makes the {axis.position_words} fall. Give the "
-        f"{axis.position_words} sign = -1 in [signals] of rovid.toml, or turn each {axis.arm_key} around."
-    )
+    text = f"More {axis.force_name} of every thruster makes the {axis.position_words} fall. Give the "
+    return f"{text}{axis.position_words} sign = -1 in [signals] of rovid.toml, or turn each {axis.arm_key} around."
 
 
 def check_thrusters(trials: Sequence[Trial], vehicle: Vehicle) -> list[ThrusterCheck]:

@@ -283,7 +283,13 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
     for name, guesses in _by_name({kind: one.signals for kind, one in survey.mappings.items()}).items():
         yield from _reasons(guesses)
         yield f"{toml_key(name)} = {_source_table(guesses)}"
-    yield from _planar_signals(survey)
+    named = _by_name({kind: one.signals for kind, one in survey.planar.items()})
+    mark = "" if survey.with_planar else "# "
+    if named and mark:
+        yield from config_lines("planar_signals")
+    for name, guesses in named.items():
+        yield from _reasons(guesses)
+        yield f"{mark}{toml_key(name)} = {_source_table(guesses)}"
     if survey.axis.position_signal in survey.unrecognised:
         unit_name = "deg" if survey.axis.angular else "m"
         yield f'# {survey.axis.position_signal} = {{ {next(iter(survey.mappings))} = "COLUMN", unit = "{unit_name}" }}'
@@ -293,17 +299,6 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
         if unused := [source for source in mapping.unused if source not in known]:
             names = [display_text(source, LINE_LENGTH) for source in unused]
             yield f"# {kind}: not used: {', '.join(names[:_MAX_UNUSED])}{', …' if len(names) > _MAX_UNUSED else ''}"
-
-
-def _planar_signals(survey: LogSurvey) -> Iterator[str]:
-    """Velocities and positions, as comments unless surge, sway and yaw are wanted together."""
-    named = _by_name({kind: one.signals for kind, one in survey.planar.items()})
-    mark = "" if survey.with_planar else "# "
-    if named and mark:
-        yield from config_lines("planar_signals")
-    for name, guesses in named.items():
-        yield from _reasons(guesses)
-        yield f"{mark}{toml_key(name)} = {_source_table(guesses)}"
 
 
 def _join(survey: LogSurvey) -> Iterator[str]:

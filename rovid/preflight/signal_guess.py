@@ -328,9 +328,8 @@ def _tilt(columns: Columns, name: str, known: frozenset[str], heading: SignalGue
         elif not unit:
             unit = "deg" if heading is None else heading.unit
             reason = f": assumed to be in {unit}{'' if heading is None else ' like the heading'}"
-        return SignalGuess(
-            source=source, unit=unit, reason=f"by name; {values.min():.3g} to {values.max():.3g}{reason}"
-        )
+        text = f"by name; {values.min():.3g} to {values.max():.3g}{reason}"
+        return SignalGuess(source=source, unit=unit, reason=text)
     return None
 
 

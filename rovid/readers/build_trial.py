@@ -326,11 +326,9 @@ class _Builder:
         first = int(np.searchsorted(time, known))
         count = len(time) - first
         if count < _MIN_READINGS:
-            raise self.error(
-                f"{count} {self.measured_words} readings come after every command is known (from "
-                f"{known - time[0]:.1f} s after the first reading on); at least {_MIN_READINGS} were expected.",
-                "Leave this log out, or check the mapping of its topics or columns.",
-            )
+            text = f"{count} {self.measured_words} readings come after every command is known (from "
+            text += f"{known - time[0]:.1f} s after the first reading on); at least {_MIN_READINGS} were expected."
+            raise self.error(text, "Leave this log out, or check the mapping of its topics or columns.")
         late = time[first] - time[0]
         if late > _LATE_START:
             self.remark("start", first, f"The first {late:.1f} s were left out: a command was not known yet.")
@@ -371,11 +369,9 @@ class _Builder:
         if len(known) < _MIN_READINGS:
             empty = [name for name, values in others.items() if values is None or not np.isfinite(values).any()]
             subject = " and ".join(empty) or "north, east and heading together"
-            raise self.error(
-                f"{subject} cannot be read at {len(north) - len(known)} "
-                f"of {len(north)} places; all three were expected at {_MIN_READINGS} at least.",
-                "Leave this log out, or map the column or topic that holds them.",
-            )
+            text = f"{subject} cannot be read at {len(north) - len(known)} "
+            text += f"of {len(north)} places; all three were expected at {_MIN_READINGS} at least."
+            raise self.error(text, "Leave this log out, or map the column or topic that holds them.")
         course = 0.5 * (heading[known][1:] + heading[known][:-1])
         directions = np.column_stack((np.cos(course), np.sin(course)))
         if self.axis.name == "sway":  # A quarter turn to starboard.

@@ -226,10 +226,8 @@ def _no_logs(paths: Sequence[Path], files: Sequence[_File], config: Config) -> L
     noun = ("file" if others else "table") + "s" * (len(files) > 1)
     unmapped = f", and rovid.toml maps nothing for {' or '.join(others)} logs" if others else ""
     mapped = quoted_list(sorted(_mapped_columns(config) - {""})[:_MAX_NAMES_IN_MESSAGE])
-    text = (
-        f"holds {len(files)} {noun} ({', '.join(names)}) but no log: "
-        f"none has a column that rovid.toml maps ({mapped}){unmapped}."
-    )
+    text = f"holds {len(files)} {noun} ({', '.join(names)}) but no log: "
+    text += f"none has a column that rovid.toml maps ({mapped}){unmapped}."
     return LogError(text, where=where, mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.")
 
 

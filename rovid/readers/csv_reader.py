@@ -282,11 +282,8 @@ class _Table:
                     elif has_thousands(cell):
                         expected = "a number without thousands separators"
                         mend = "Which sign is the decimal one does not follow from the table: export it without them."
-                    error = _NoNumberError(
-                        f"{self.signals[name].sources[KIND]} is {shown!r}, {expected} was expected.",
-                        where=f"{self.layout.path}:{number}",
-                        mend=mend,
-                    )
+                    text = f"{self.signals[name].sources[KIND]} is {shown!r}, {expected} was expected."
+                    error = _NoNumberError(text, where=f"{self.layout.path}:{number}", mend=mend)
                     error.signal = name
                     return error
                 filled |= {name} if cell else set()

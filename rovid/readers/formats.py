@@ -225,8 +225,6 @@ def _clock_remarks(files: list[Path], config: Config, join: Join) -> Iterator[Re
             text = f"The clock of {clock} was moved by {offset:+g} s{more}, as [join] in rovid.toml says."
             yield Remark(kind="clock", count=1, text=text)
     if not corrected:
-        text = (
-            "Read from several files whose clocks are assumed to agree. An offset between them looks the same as a "
-            "delay of the thrusters, so a command_delay found here may be an offset. Give a known offset in [join]."
-        )
+        text = "Read from several files whose clocks are assumed to agree. An offset between them looks the same as a "
+        text += "delay of the thrusters, so a command_delay found here may be an offset. Give a known offset in [join]."
         yield Remark(kind="joined", count=len(files), text=text)

@@ -52,7 +52,8 @@ def read(path: Path, config: Config) -> RawLog:
     for name, collector in collectors.items():
         if not (collector.seen or collector.signal.optional):
             near = suggestion(collector.source, [*message_fields.numeric_fields(first[1], "")])
-            text = f"never holds {collector.source!r} ({name}). {near} Its first keys: {message_fields.listed_fields(first[1])}."
+            keys = message_fields.listed_fields(first[1])
+            text = f"never holds {collector.source!r} ({name}). {near} Its first keys: {keys}."
             raise LogError(text, where=path, mend=f"Correct {name} in rovid.toml, or leave this log out.")
     # Integers, as ns since 1970, lose digits in floats.
     whole = all(stamp is None or (isinstance(stamp, int) and abs(stamp) < _MAX_INTEGER) for stamp in stamps)

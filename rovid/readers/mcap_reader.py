@@ -88,8 +88,6 @@ def _decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:
         text = f"the schema of topic {channel.topic!r} cannot be parsed ({reason})."
         raise LogError(text, where=where, mend="Record the log again, or leave it out.") from error
     of_schema = f" with schema {encodings[1]!r}" if encodings[1] else " without a schema"
-    text = (
-        f"topic {channel.topic!r} is encoded as {encodings[0]!r}{of_schema}; json, cdr with ros2msg, or protobuf "
-        "with protobuf was expected."
-    )
+    text = f"topic {channel.topic!r} is encoded as {encodings[0]!r}{of_schema}; json, cdr with ros2msg, or protobuf "
+    text += "with protobuf was expected."
     raise LogError(text, where=where, mend="Convert the recording (`mcap convert`), or map a topic in one of these.")

@@ -89,10 +89,8 @@ def _check_columns(path: Path, footer: Any, sources: Mapping[str, str]) -> list[
     count = sum(leaf.path in sources.values() for leaf in leaves)
     size = 8 * footer.num_rows * count >> 20
     if size > _MAX_SIZE:
-        text = (
-            f"holds {footer.num_rows} rows, of which {count} columns are mapped: {size} MB unpacked; "
-            f"at most {_MAX_SIZE} MB were expected."
-        )
+        text = f"holds {footer.num_rows} rows, of which {count} columns are mapped: {size} MB unpacked; "
+        text += f"at most {_MAX_SIZE} MB were expected."
         raise LogError(text, where=path, mend="Split the log, or keep every tenth row.")
     texts = []
     # Statistics of columns in the footer are not read: if they are damaged, pyarrow ends the whole process.
@@ -152,10 +150,9 @@ def sources(path: Path) -> raw_log.LogContents:
 
 
 def _damaged(path: Path, error: Exception) -> LogError:
+    mend = "Write it again; its index is at its end, so a part of the file cannot be read."
     return LogError(
-        f"is a Parquet file that is cut or damaged ({str(error)[:100]}).".replace("\n", " "),
-        where=path,
-        mend="Write it again; its index is at its end, so a part of the file cannot be read.",
+        f"is a Parquet file that is cut or damaged ({str(error)[:100]}).".replace("\n", " "), where=path, mend=mend
     )
 
 

@@ -134,10 +134,8 @@ def to_datetimes(column: pd.Series[Any], name: str, where: Callable[[int], str])
             dates = pd.to_datetime(tidy, format="ISO8601", utc=True, errors="coerce")
     if lost := int((dates.isna() & known).sum()):
         row = int(np.argmax((dates.isna() & known).to_numpy()))
-        text = (
-            f"{name} is {column.iloc[row]!r}; seconds, an ISO 8601 time (2026-01-07T12:00:00.05Z), a time of day "
-            f"(12:00:00.05) or an epoch time was expected. So are {lost} of {int(known.sum())} rows."
-        )
+        text = f"{name} is {column.iloc[row]!r}; seconds, an ISO 8601 time (2026-01-07T12:00:00.05Z), a time of day "
+        text += f"(12:00:00.05) or an epoch time was expected. So are {lost} of {int(known.sum())} rows."
         mend = "Delete these rows, or write their times so." if lost < known.sum() else "Write the column so."
         raise LogError(text, where=where(row), mend=mend)
     return dates
@@ -195,7 +193,14 @@ def make_monotonic(
         _refuse_backward(time[rows], clock, place, where)
         time, values = _merge_duplicates(rows, time, values, clock, where, remarks)
         steps = np.diff(time)
-    _refuse_leap(time, steps, clock, where)
+    if (at := find_leap(time)) is not None:
+        text = f"{clock} leaps by {steps[at]:.6g} s after sample {at + 1}."
+        raise LogError(text, where=where, mend="Cut the log where its clock was set.")
+    duration = float(time[-1] - time[0]) if time.size else 0.0
+    if duration > _MAX_DURATION:
+        days, limit = duration / 86400.0, _MAX_DURATION / 86400.0
+        text = f"{clock} runs over {days:.4g} days; a run of at most {limit:.0f} was expected."
+        raise LogError(text, where=where, mend="Check the unit of time in rovid.toml, or cut the log.")
     return time, values, remarks
 
 
@@ -275,17 +280,6 @@ def _merge_duplicates(
         text = f"{clock} repeats the stamp before it {repeated} times; the first of each was kept."
         remarks.append(Remark(kind="duplicate", count=repeated, text=text))
     return stamps[fresh], merged
-
-
-def _refuse_leap(time: FloatArray, steps: FloatArray, clock: str, where: str) -> None:
-    if (at := find_leap(time)) is not None:
-        text = f"{clock} leaps by {steps[at]:.6g} s after sample {at + 1}."
-        raise LogError(text, where=where, mend="Cut the log where its clock was set.")
-    duration = float(time[-1] - time[0]) if time.size else 0.0
-    if duration > _MAX_DURATION:
-        days, limit = duration / 86400.0, _MAX_DURATION / 86400.0
-        text = f"{clock} runs over {days:.4g} days; a run of at most {limit:.0f} was expected."
-        raise LogError(text, where=where, mend="Check the unit of time in rovid.toml, or cut the log.")
 
 
 # Name of whole seconds -> names of the rest beside it; the prefix of both is the same.

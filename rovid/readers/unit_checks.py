@@ -147,8 +147,6 @@ def _wrong_unit(ratio: float, heading: FloatArray, signals: tuple[Signal, Signal
         heading_is_wrong = heading_signal.unit == "deg" and small
     culprit = heading_signal if heading_is_wrong else gyro_signal
     other = {"deg": "rad", "rad": "deg", "deg/s": "rad/s", "rad/s": "deg/s"}.get(culprit.unit, "rad")
-    text = (
-        f"yaw_rate is {ratio:.3g} times the change of heading per second; with heading in {heading_signal.unit} and "
-        f"yaw_rate in {gyro_signal.unit} one of them has the wrong unit, degrees for radians or the reverse."
-    )
+    text = f"yaw_rate is {ratio:.3g} times the change of heading per second; with heading in {heading_signal.unit} and "
+    text += f"yaw_rate in {gyro_signal.unit} one of them has the wrong unit, degrees for radians or the reverse."
     return LogError(text, where=where, mend=f'Set unit = "{other}" in [signals] {culprit.name}.')

@@ -79,11 +79,9 @@ class Assumptions:
         """Reason not to export dependent values, and the remedy; empty where nothing is guessed."""
         if not self.items:
             return ""
-        return (
-            f"depends on values guessed by rovid init ({self.listing}): torques, gains and inertia would be "
-            "placeholders. Write the measured values into rovid.toml and run `rovid report`. If a guess is right, "
-            "delete its line with _guessed."
-        )
+        text = f"depends on values guessed by rovid init ({self.listing}): torques, gains and inertia would be "
+        text += "placeholders. Write the measured values into rovid.toml and run `rovid report`. If a guess is right, "
+        return f"{text}delete its line with _guessed."
 
     @property
     def _consequence(self) -> str:

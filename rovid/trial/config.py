@@ -296,7 +296,8 @@ class _Parser(ConfigValues):
         )
         pairs = [(thruster, self.signal(f"command.{name}", block["command"], f"{place} command"))]
         if "azimuth" in block:
-            turning = drives.azimuth_of(thruster)
+            # The actuator whose command is the azimuth angle.
+            turning = Thruster(name=f"{name}.azimuth", arm=0.0, curve=None, turns=name)
             angle = self.signal(f"command.{turning.name}", block["azimuth"], f"{place} azimuth", like="heading")
             pairs.append((turning, angle))
         return pairs

@@ -141,11 +141,6 @@ def propeller_diameters(blocks: Sequence[Any], parser: ConfigValues) -> dict[str
     return found
 
 
-def azimuth_of(thruster: Thruster) -> Thruster:
-    """The actuator whose command is the azimuth angle of ``thruster``."""
-    return Thruster(name=f"{thruster.name}.azimuth", arm=0.0, curve=None, turns=thruster.name)
-
-
 def planar_rudder(
     block: Mapping[str, Any], name: str, diameters: Mapping[str, float | None], parser: ConfigValues
 ) -> Thruster:
@@ -157,9 +152,8 @@ def planar_rudder(
     place = f"[[rudders]] {name!r}"
     parser.require(block, "angle", place, _ANGLE)
     if "wheelbase" in block:
-        raise parser.error(
-            place, "is steered wheels, which surge, sway and yaw together do not have.", "Leave --axes planar out."
-        )
+        words = "is steered wheels, which surge, sway and yaw together do not have."
+        raise parser.error(place, words, "Leave --axes planar out.")
     mend = "Add position = [x, y] in m from the origin, x ahead (aft is negative) and y to starboard."
     parser.require(block, "position", place, mend)
     x, y = parser.place_of(block, place)

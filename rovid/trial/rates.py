@@ -138,10 +138,8 @@ def compute_rates(trial: Trial, *, cutoff: float) -> Rates:
     grid = uniform_grid(trial)
     kernel = ZeroPhaseFilter.design(period=float(grid[1] - grid[0]), cutoff=cutoff)
     if len(grid) < len(kernel.value) + 2:
-        text = (
-            f"lasts {trial.duration:.1f} s, shorter than the filter, which takes "
-            f"{2 * kernel.half_width:.1f} s at a cut-off of {cutoff:.3g} Hz."
-        )
+        text = f"lasts {trial.duration:.1f} s, shorter than the filter, which takes "
+        text += f"{2 * kernel.half_width:.1f} s at a cut-off of {cutoff:.3g} Hz."
         raise DataError(text, where=trial.name, mend="Raise --cutoff or leave the log out.")
     angle = resample(trial, trial.body_position, grid)
     noise = white_noise(angle)
@@ -307,10 +305,8 @@ def _too_short(trials: Sequence[Trial]) -> DataError:
     where = first.name
     if len(trials) > 1:
         where += f" and {len(trials) - 1} more"
-    text = (
-        f"no stretch of {name} is long enough to find its noise: {_MIN_SPECTRUM_SAMPLES + 2} readings without a gap "
-        "between them were expected."
-    )
+    text = f"no stretch of {name} is long enough to find its noise: {_MIN_SPECTRUM_SAMPLES + 2} readings without a gap "
+    text += "between them were expected."
     return DataError(text, where=where, mend="Record longer runs.")
 
 

@@ -313,13 +313,9 @@ def _outside(trial: Trial, thruster: Thruster, curve: ThrustCurve, command: Floa
         f'Extend the curve, or set outside = "clamp" in [[thrusters]] {thruster.name!r} to hold the curve\'s end value.'
     )
     if curve.reach(command[at]) > FAR_OUTSIDE:  # The curve's end value would be full thrust.
-        mend = (
-            "That is far outside: the command and the curve are of different units, or the value means no command. "
-            "Give the curve in the unit of the command, or leave these samples out."
-        )
-    text = (
-        f"thruster {thruster.name!r} is commanded {command[at]:g} at {trial.time[at]:.2f} s "
-        f"({count} samples in all), outside its bench curve, which ends at {low:g} and {high:g}; "
-        "the thrust there is not known."
-    )
+        mend = "That is far outside: the command and the curve are of different units, or the value means no command. "
+        mend += "Give the curve in the unit of the command, or leave these samples out."
+    text = f"thruster {thruster.name!r} is commanded {command[at]:g} at {trial.time[at]:.2f} s "
+    text += f"({count} samples in all), outside its bench curve, which ends at {low:g} and {high:g}; "
+    text += "the thrust there is not known."
     return ConfigError(text, where=trial.name, mend=mend)

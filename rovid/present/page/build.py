@@ -16,8 +16,8 @@ from rovid.export.verification import VerifiedExport, load_exporter, verified_ex
 from rovid.model.model import Model
 from rovid.model.simulation import simulate_runs
 from rovid.present.documents.diagnosis import all_faults
-from rovid.present.page.page_files import pdf_output, print_pdf, require_browser
-from rovid.present.page.render import claim_report, write_report
+from rovid.present.page.page_files import claim_page, pdf_output, print_pdf, require_browser
+from rovid.present.page.render import write_report
 from rovid.present.report_data import ReportData, separations, simulate_nested_models
 from rovid.store.checks import JOINT_METHODS, check_freshness
 from rovid.store.load import history_output, update_parameters
@@ -63,7 +63,7 @@ def build_report(
     inputs = input_files(study.paths)
     parameters = OutputSet([stored.output, history_output(stored.path)], force=force, protected=inputs)
     protected = [*inputs, stored.path]
-    page = claim_report(folder, force=force, protected=protected)
+    page = claim_page(folder, "inertia", force=force, protected=protected)
     browser = require_browser() if pdf else ""
     paper = OutputSet([pdf_output(folder)] if pdf else [], force=force, protected=protected)
     data = _identified(stored, study, parameters, report, diagnosed=diagnosed, budget=budget)

@@ -50,9 +50,8 @@ def draw_figures(report: ReportData) -> ReportFigures:
         faults = []
         for number, fault in enumerate([fault for fault in report.faults if fault.excerpt][:FAULT_PLOTS], 1):
             plot = results.plot_fault(fault)
-            faults.append(
-                FigureDraft(f"fault_{number:02d}", plot, caption=f"{fault.title}.", alt="The signal at the fault.")
-            )
+            text = "The signal at the fault."
+            faults.append(FigureDraft(f"fault_{number:02d}", plot, caption=f"{fault.title}.", alt=text))
         large = []
         for place in sorted(worst_first(report.simulations_with)[:LARGE_PLOTS]):
             item = report.simulations_with[place]

@@ -213,9 +213,8 @@ def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]
     cause_words = []
     for cause in causes:
         name = sentences.cause_name(cause)
-        cause_words.append(
-            f"{name[:1].upper()}{name[1:]}: {size_words(cause)}. {sentences.evidence_words(cause).capitalize()}."
-        )
+        text = f"{name[:1].upper()}{name[1:]}: {size_words(cause)}. {sentences.evidence_words(cause).capitalize()}."
+        cause_words.append(text)
     context: dict[str, Any] = {
         "vehicle": study.vehicle,
         "minutes": sum(run.duration for run in study.data.runs) / 60.0,

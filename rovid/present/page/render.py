@@ -1,7 +1,7 @@
 """The pages: the report of one axis with its plots, and the comparison of two campaigns."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
@@ -100,11 +100,6 @@ def _pictures(comparison: Comparison) -> Iterator[tuple[Markup, str]]:
 _SIDE_ALONG = {"roll": "long", "pitch": "wide", "yaw": "high"}
 
 
-def claim_report(folder: Path, *, force: bool = False, protected: Iterable[Path] = ()) -> OutputSet:
-    """Permission to write a report into ``folder``; see `claim_page`."""
-    return claim_page(folder, "inertia", force=force, protected=protected)
-
-
 def write_report(
     folder: Path,
     report: ReportData,
@@ -123,7 +118,7 @@ def write_report(
     ``today``: The date on the page; today's date, UTC, if None.
     ``journal``: Widths as "84mm": the plots are also written that wide, each width into a folder of its name.
     """
-    claim = claim or claim_report(folder)
+    claim = claim or claim_page(folder, "inertia", force=False, protected=())
     figures = draw_figures(report)
     text = render_page(report, figures, today=today or datetime.now(UTC).date())
     plots = figures.files(folder / "plots")

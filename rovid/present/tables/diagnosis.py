@@ -190,11 +190,6 @@ def explanations_table(diagnosis: TableDiagnosis) -> ResultTable:
     return table
 
 
-def ruled_out_names(diagnosis: TableDiagnosis) -> str:
-    """Effects that alone would not explain the tables."""
-    return join_words([effect.title for effect in diagnosis.ruled_out], "or")
-
-
 def changes_table(comparison: Comparison, guess: Assumptions) -> ResultTable:
     """Parameters of both campaigns, their ratios, and the probabilities of a change."""
     changes, pair = comparison.changes, comparison.changes.pair

@@ -29,7 +29,7 @@ from rovid.present.number_format import (
 from rovid.present.report_data import ReportData
 from rovid.present.tables.diagnosis import valid_ratios
 from rovid.store.checks import effect_titles, relative_deviation
-from rovid.store.parameter_file import Entry, Parameters
+from rovid.store.parameter_file import Parameters
 
 # In place of the interval of a parameter that the logs do not decide.
 FROM_PRIOR = "from the prior"
@@ -105,13 +105,9 @@ def parameters_table(report: ReportData) -> ResultTable:
         value = plus_minus(entry.value, entry.standard_error)
         shown = guess.mark_number(number_with_unit(value, entry.unit), entry.unit)
         interval = DASH if guess.is_placeholder(entry.unit) else _entry_interval(report, name, value)
-        table.add_row(title, shown, interval, method_words(entry))
+        method = f"{entry.method} ({entry.options})" if entry.options else entry.method
+        table.add_row(title, shown, interval, method)
     return table
-
-
-def method_words(entry: Entry) -> str:
-    """The method of a parameter, with its options where there were any."""
-    return f"{entry.method} ({entry.options})" if entry.options else entry.method
 
 
 def _entry_interval(report: ReportData, name: str, text: str) -> str:

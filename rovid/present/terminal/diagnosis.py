@@ -66,7 +66,8 @@ def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehic
         if diagnosis.from_tables.causes:
             tables.explanations_table(diagnosis.from_tables).print(console, guess)
         if diagnosis.from_tables.ruled_out:
-            print_text(console, f"would not explain the tables alone: {tables.ruled_out_names(diagnosis.from_tables)}")
+            names = sentences.join_words([effect.title for effect in diagnosis.from_tables.ruled_out], "or")
+            print_text(console, f"would not explain the tables alone: {names}")
     for finding in diagnosis.causes:
         show_finding(console, finding)
     for sentence in sentences.evidence_definitions(diagnosis.causes):

@@ -236,7 +236,18 @@ def watch_documents(event: watch_session.Event) -> list[Document]:
         return [_line("next_run", _next_run_document(event))]
     if isinstance(event, Problem):
         return [_line("problem", {"where": event.where, "text": event.text, "over": event.resolved})]
-    return [_line("stop", _end_document(event))]
+    end: Document = {
+        "reason": event.reason,
+        "logs": [log.name for log in event.logs],
+        "until": _criteria(event.criteria),
+        "fit": None,
+        "diagnosis": None,
+    }
+    if event.study is not None and event.fit is not None:
+        end["fit"] = fit_document(event.fit, event.study)
+    if event.study is not None and event.diagnosis is not None:
+        end["diagnosis"] = diagnosis_document(event.diagnosis, event.study)
+    return [_line("stop", end)]
 
 
 def _line(kind: str, content: Document) -> Document:
@@ -315,21 +326,6 @@ def _next_run_document(event: watch_session.NextRun) -> Document:
         "reason": event.reason,
         "command_file": None if event.written is None else str(event.written),
     }
-
-
-def _end_document(event: watch_session.SessionEnded) -> Document:
-    document: Document = {
-        "reason": event.reason,
-        "logs": [log.name for log in event.logs],
-        "until": _criteria(event.criteria),
-        "fit": None,
-        "diagnosis": None,
-    }
-    if event.study is not None and event.fit is not None:
-        document["fit"] = fit_document(event.fit, event.study)
-    if event.study is not None and event.diagnosis is not None:
-        document["diagnosis"] = diagnosis_document(event.diagnosis, event.study)
-    return document
 
 
 def _criteria(criteria: Sequence[watch_session.CriterionStatus]) -> list[Document]:
