@@ -11,7 +11,7 @@ from rovid.core.errors import DataError, RovidError, shortened_list, suggestion
 from rovid.core.input_files import list_files, require_exists
 from rovid.core.output_files import CONFIG, OutputFile
 from rovid.core.output_files import GUESSED_CURVE as GUESSED
-from rovid.preflight.axis_guess import Log, PlanarGuess, further_thrusters, guess_planar
+from rovid.preflight.axis_guess import PlanarGuess, further_thrusters, guess_planar
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs, resolve_source
 from rovid.preflight.raw_columns import SignalGuess
@@ -195,7 +195,10 @@ def survey_read_logs(
     if profile_guessed:
         mappings = _map_formats(read, options, profile)
     if options.planar:
-        mappings = {kind: _with_further(mapping, read.logs[kind]) for kind, mapping in mappings.items()}
+        # Thrusters that do not turn the vehicle.
+        for kind, mapping in mappings.items():
+            further = further_thrusters(read.logs[kind], set(mapping.sources), mapping.commands)
+            mappings[kind] = replace(mapping, commands=(*mapping.commands, *further)).of(mapping.unused)
     if overrides is not None:
         mappings = overrides.apply_to(mappings)
     commands = list(all_commands(mappings))
@@ -232,13 +235,6 @@ def survey_read_logs(
         planar=planar,
         with_planar=options.planar,
     )
-
-
-def _with_further(mapping: ColumnMapping, logs: Sequence[Log]) -> ColumnMapping:
-    """The mapping with the thrusters that do not turn the vehicle."""
-    further = further_thrusters(logs, set(mapping.sources), mapping.commands)
-    found = replace(mapping, commands=(*mapping.commands, *further))
-    return found.of([source for source in mapping.unused if source not in {one.source for one in further}])
 
 
 def _planar(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> dict[str, PlanarGuess]:

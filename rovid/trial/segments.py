@@ -234,11 +234,7 @@ def find_releases(trial: Trial) -> list[slice]:
     """
     known = np.flatnonzero(trial.measured)
     tilt = trial.position[known] - np.median(trial.position[known])
-    size = np.abs(tilt)
-    side = np.where(size > _AT_REST * np.max(size), np.sign(tilt), 0.0)
-    beyond = np.flatnonzero(side)
-    starts = beyond[np.flatnonzero(np.diff(side[beyond], prepend=0.0))]
-    swings = list(pairwise([*starts.tolist(), len(tilt)]))
+    swings = _half_swings(tilt)
     peaks = [begin + int(np.argmax(np.abs(tilt[begin:end]))) for begin, end in swings]
     # A wrong level makes one side larger than the other, so each half swing is compared with those on its own side.
     sizes = np.concatenate(([0.0, 0.0], np.abs(tilt[peaks])))
@@ -283,3 +279,12 @@ def _end_of_decay(sizes: FloatArray, first: int) -> int:
         ratios.append(ratio)
         k += 1
     return k
+
+
+def _half_swings(tilt: FloatArray) -> list[tuple[int, int]]:
+    """First row and end of each stretch on one side whose ``tilt`` exceeds the rest level."""
+    size = np.abs(tilt)
+    side = np.where(size > _AT_REST * np.max(size), np.sign(tilt), 0.0)
+    beyond = np.flatnonzero(side)
+    starts = beyond[np.flatnonzero(np.diff(side[beyond], prepend=0.0))]
+    return list(pairwise([*starts.tolist(), len(tilt)]))
