@@ -54,6 +54,15 @@ def test_stamps_before_the_clock_was_set_are_left_out(epoch: float, count: int) 
     np.testing.assert_array_equal(data.rows, np.arange(count, len(time)))
 
 
+@pytest.mark.parametrize(("count", "found"), [(1, ["wild_stamp"]), (2, ["lost_rows"])])
+def test_a_single_stamp_of_zero_is_no_test_before_a_pause(count: int, found: list[str]) -> None:
+    time, heading, command = motion(1)
+    damaged = time + np.where(np.arange(len(time)) < count, 0.0, 35.0) - time[0]
+    data, faults = examined(clock(damaged, heading=heading, fore=command))
+    assert [fault.fault for fault in faults] == found
+    assert len(data.time) == len(time) - (found == ["wild_stamp"])
+
+
 @pytest.mark.parametrize("interval", [0.02, 0.1, 1.0])
 @pytest.mark.parametrize("step", [0.3, 0.5, 1.0, 2.5, 30.0])
 def test_a_clock_set_back_is_not_wild(step: float, interval: float) -> None:
