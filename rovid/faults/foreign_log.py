@@ -58,11 +58,21 @@ _SCATTER = 0.1
 _EXCLUDED = 0.5
 # Largest relative standard error of a log that takes part in groups.
 _MAX_ERROR = 0.05
-# Quantity of a step that another scale of all thrust explains as well.
-_BOTH = "inertia and drag"
+# Quantity of a step that another scale of all thrust explains as well, and the likelihood ratio by which that is less
+# likely: one in 20.
+_BOTH, _UNLIKELY = "inertia and drag", 6.0
+# Quantity -> the parameters that differ between the groups: inertia, quadratic and linear drag.
+_SCALED = {
+    "inertia": np.array([1.0, 0.0, 0.0]),
+    "quadratic drag": np.array([0.0, 1.0, 0.0]),
+    "drag": np.array([0.0, 1.0, 1.0]),
+    _BOTH: np.ones(3),
+}
 # Likelihood ratio of two levels against one with scatter: 99.5 % quantile of the best split of n normal deviates, by
 # 20 000 draws for each n from 4 to 30: 23 up to seven logs, and 1.1 more with each log.
 _MIN_RATIO, _RATIO_AT_ZERO, _RATIO_PER_LOG = 23.0, 15.0, 1.1
+# Passes at most in which the larger group settles.
+_SPLITS = 6
 # Variance of the relative scatter within one level.
 _SCATTERS = np.append(0.01**2, np.geomspace(0.012**2, 4.0, 30))
 
@@ -77,11 +87,17 @@ class _Groups:
     high: tuple[str, ...]
     low: tuple[str, ...]
     quantity: str
+    is_significant: bool
 
     @property
     def smaller(self) -> tuple[str, ...]:
         """The logs of the level that fewer logs have."""
         return self.high if len(self.high) <= len(self.low) else self.low
+
+    @property
+    def larger(self) -> tuple[str, ...]:
+        """The logs of the other level."""
+        return self.low if len(self.high) <= len(self.low) else self.high
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
@@ -261,9 +277,10 @@ def minority_payload(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:
     """The smaller of two groups of logs with another inertia or drag; empty if another scale of all thrust may act."""
     model = fit_quick_model(runs, vehicle)
     groups = [] if model is None else significant_groups(model)
-    if not groups or any(each.quantity == _BOTH for each in groups):
+    best = max(groups, key=lambda each: each.ratio, default=None)
+    if best is None or any(each.quantity == _BOTH and each.ratio > best.ratio - _UNLIKELY for each in groups):
         return ()
-    return max(groups, key=lambda each: each.ratio).smaller
+    return best.smaller
 
 
 def _two_payloads(groups: _Groups) -> Detection[RunsData]:
@@ -284,20 +301,29 @@ def _two_payloads(groups: _Groups) -> Detection[RunsData]:
 
 def significant_groups(model: QuickModel) -> list[_Groups]:
     """The best split in two groups by each quantity, if it is significant."""
-    logs = model.logs
-    own, weights = _own_estimates(logs)
-    products = sum(weight @ each for weight, each in zip(weights, own, strict=True))
-    mean = np.linalg.pinv(np.sum(weights, axis=0), rcond=1e-10, hermitian=True) @ products
-    inertia, quadratic, linear = model.values + mean
-    directions = {
-        "inertia": np.array([inertia, 0.0, 0.0]),
-        "quadratic drag": np.array([0.0, quadratic, 0.0]),
-        "drag": np.array([0.0, quadratic, linear]),
-        _BOTH: np.array([inertia, quadratic, linear]),
-    }
-    pulls = [weight @ (each - mean) for weight, each in zip(weights, own, strict=True)]
-    found = [_groups(logs, pulls, weights, direction, quantity) for quantity, direction in directions.items()]
-    return [each for each in found if each]
+    own, weights = _own_estimates(model.logs)
+    found = [_settled_groups(model, own, weights, quantity) for quantity in _SCALED]
+    return [each for each in found if each and each.is_significant]
+
+
+def _settled_groups(
+    model: QuickModel, own: Sequence[FloatArray], weights: Sequence[FloatArray], quantity: str
+) -> _Groups | None:
+    """The best split by deviations from the mean of the larger group.
+
+    The mean of all is a model of neither group: the error of its other parameters would scatter the logs of one group.
+    """
+    larger, found = {log.name for log in model.logs}, None
+    for _ in range(_SPLITS):
+        among = [at for at, log in enumerate(model.logs) if log.name in larger]
+        product = np.sum([weights[at] @ own[at] for at in among], axis=0)
+        mean = np.linalg.pinv(np.sum([weights[at] for at in among], axis=0), rcond=1e-10, hermitian=True) @ product
+        pulls = [weight @ (each - mean) for weight, each in zip(weights, own, strict=True)]
+        found = _groups(model.logs, pulls, weights, _SCALED[quantity] * (model.values + mean), quantity)
+        if found is None or larger == set(found.larger):
+            break
+        larger = set(found.larger)
+    return found
 
 
 def _own_estimates(logs: Sequence[LogMoments]) -> tuple[list[FloatArray], list[FloatArray]]:
@@ -331,8 +357,6 @@ def _groups(
     (low, low_error), (high, high_error) = _mean(d[:cut], v[:cut]), _mean(d[cut:], v[cut:])
     step = (high - low) / (1.0 + low) if low > -1.0 else 0.0
     needed = max(_MIN_RATIO, _RATIO_AT_ZERO + _RATIO_PER_LOG * len(d))
-    if ratio < needed or step < _MIN_STEP:
-        return None
     names = [logs[at].name for at in used.tolist()]
     return _Groups(
         ratio=ratio,
@@ -341,6 +365,7 @@ def _groups(
         high=tuple(sorted(names[cut:])),
         low=tuple(sorted(names[:cut])),
         quantity=quantity,
+        is_significant=ratio > needed and step > _MIN_STEP,
     )
 
 

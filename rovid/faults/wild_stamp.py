@@ -26,8 +26,8 @@ _LEAST, _MOST = 0.6, 2.0
 _VERY_FAR = 10.0
 # s; recorders store messages out of order by less, and sort them.
 _DISORDER = 1.0
-# Usual intervals from a first stamp of zero to the next one, from which the clock was not set: such a gap after a single
-# reading is no pause.
+# Usual intervals from a first stamp of zero to the next one, from which the clock was not set: no pause begins with one
+# reading.
 _UNSET = 20.0
 # Intervals by which a first or last stamp must be out of order: single messages are stored late by one or two.
 _FAR = 3.0

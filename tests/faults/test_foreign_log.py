@@ -229,6 +229,19 @@ def test_two_payloads_are_named_and_nothing_is_set_aside(vehicle: str, factors: 
     assert fault.size == pytest.approx(1.3, abs=0.06)  # Quick, for a message.
 
 
+@pytest.mark.parametrize(("factor", "first"), [(1.3, 5), (1.8, 0)])
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_two_payloads_are_found_in_five_logs_and_far_apart(vehicle: str, factor: float, first: int) -> None:
+    """The larger group is the origin: the mean of two payloads far apart is a model of neither."""
+    names = [run.trial.name for run in day(vehicle, 0)][::2]
+    runs = day(vehicle, 0, dict.fromkeys(names, scaled(model(vehicle), 1.0, factor)), disturbance=0.005)[first:]
+    kept, (fault,) = found(runs)
+    assert len(kept) == len(runs)
+    assert fault.remedy == "none"
+    assert " drag of " in fault.text
+    assert fault.size == pytest.approx(factor, abs=0.1 * (factor - 1.0) + 0.02)  # Quick, for a message.
+
+
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("disturbance", [0.002, 0.02, 0.1])
 @pytest.mark.parametrize("vehicle", VEHICLES)
