@@ -1,4 +1,4 @@
-"""Golden campaigns: every number that fit, simulate and diagnose print of two sample campaigns is the recorded one.
+"""Golden campaigns: every number and every name that the commands print of two sample campaigns is the recorded one.
 
 Renew after a wanted change, and look at the difference: ``python -m tests.whole.test_golden``.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -19,8 +20,13 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = Path(__file__).parent / "golden"
+# Arguments of each command that takes the parameters of a fit; the others take the logs.
+WITH_PARAMETERS = {"plan": ["--minutes", "3"], "control": [], "export": ["mss", "-o", "vehicle.m"]}
 CASES = [(folder, command) for folder in ("rosub_hidden", "planar_rov") for command in ("fit", "diagnose", "simulate")]
+CASES += [("rosub_hidden", command) for command in ("check", *WITH_PARAMETERS)]
 RELATIVE = 1e-6  # asked for; the same code on the same machine gives the same bits
+# Verdicts, and names of effects, parameters and logs; sentences may be worded anew.
+NAME = re.compile(r"[\w.:]+")
 # What a clock or a release changes, and no estimate.
 _NOT_HELD = frozenset({"written", "rovid_version", "seconds", "took", "elapsed", "used"})
 
@@ -34,30 +40,32 @@ def numbers(value: Any, where: str = "") -> Iterator[tuple[str, float | str | bo
     elif isinstance(value, list):
         for place, one in enumerate(value):
             yield from numbers(one, f"{where}[{place}]")
-    elif isinstance(value, int | float | bool) or value is None:
+    elif isinstance(value, int | float | bool) or value is None or NAME.fullmatch(value):
         yield where, value
 
 
 def printed(folder: str, command: str) -> dict[str, Any]:
     """Numbers that a command prints, to ten digits."""
     with tempfile.TemporaryDirectory() as room:
-        words = [command, str(ROOT / "sample_logs" / folder), "-p", str(Path(room) / "p.toml"), "--json"]
+        logs, ending = [str(ROOT / "sample_logs" / folder)], ["-p", str(Path(room) / "p.toml"), "--json"]
         if folder.startswith("planar"):
-            words += ["--axes", "planar"]
-        if command == "simulate":  # it needs parameters
-            _run(["fit", *words[1:]])
-        document = json.loads(_run(words))
+            ending += ["--axes", "planar"]
+        if command == "check":
+            ending = ["--json"]
+        elif command not in {"fit", "diagnose"}:  # they need parameters
+            _run(["fit", *logs, *ending], room)
+        document = json.loads(_run([command, *WITH_PARAMETERS.get(command, logs), *ending], room))
     return {
         place: float(f"{value:.10g}") if isinstance(value, float) and math.isfinite(value) else value
         for place, value in numbers(document)
     }
 
 
-def _run(words: list[str]) -> str:
+def _run(words: list[str], room: str) -> str:
     # No budget ends a search early on a loaded machine.
     environment = os.environ | {"ROVID_BUDGET": "3600", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, "-m", "rovid", *words], capture_output=True, text=True, env=environment, check=False
+        [sys.executable, "-m", "rovid", *words], capture_output=True, text=True, env=environment, cwd=room, check=False
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -83,7 +91,7 @@ def same(a: Any, b: Any) -> bool:
 def main() -> None:
     """Record what is printed today."""
     GOLDEN.mkdir(exist_ok=True)
-    for folder, command in CASES:
+    for folder, command in CASES if len(sys.argv) == 1 else [case for case in CASES if case[1] in sys.argv]:
         text = json.dumps(printed(folder, command), separators=(",\n", ":"))
         (GOLDEN / f"{folder}_{command}.json").write_text(text + "\n", encoding="utf-8", newline="\n")
         print(f"{folder}_{command}.json")
