@@ -22,7 +22,7 @@ FILES = (
     "estimate/levenberg_marquardt.py", "estimate/missing_torque.py", "estimate/multi_step.py",
     "estimate/nested_fits.py", "estimate/parametrization.py", "model/filter_batch.py", "model/ode.py",
 )  # fmt: skip
-LINE = re.compile(r"^Estimator's code: `(?P<digest>[0-9a-f]+)`\..*(?:\n.+)*$", re.MULTILINE)
+LINE = re.compile(r"^Estimator's code: `(?P<digest>[0-9a-f]+)`\. ?(?P<check>.*(?:\n.+)*)$", re.MULTILINE)
 SEED = 2  # of the campaigns of a check; the page's own have seed 1
 CHANGED = (
     "The estimator's code changed since docs/calibration.md was written. If the numbers changed, run `python -m "
@@ -57,9 +57,14 @@ def digest_of_code() -> str:
     return digest((ROOT / "rovid" / name).read_text(encoding="utf-8") for name in FILES)
 
 
-def line(checked: str = "") -> str:
-    """What the page says of the code it stands for."""
-    return f"Estimator's code: `{digest_of_code()}`. {checked or 'No campaigns have checked this code.'}"
+def line(checked: str, page: str) -> str:
+    """What the page says of the code it stands for; without a new check the last one stays, with its code."""
+    code = digest_of_code()
+    if not checked and (before := LINE.search(page)):
+        checked = before["check"]
+        if before["digest"] != code:
+            checked = checked.replace("Checked by", f"Earlier code, `{before['digest']}`, was checked by")
+    return f"Estimator's code: `{code}`. {checked or 'No campaigns have checked this code.'}"
 
 
 def check(campaigns: int) -> str:
@@ -78,9 +83,10 @@ def main() -> None:
     parser.add_argument("--renew", action="store_true")
     parser.add_argument("--campaigns", type=int, default=0)
     options = parser.parse_args()
-    said = line(check(options.campaigns) if options.campaigns else "")
+    page = PAGE.read_text(encoding="utf-8")
+    said = line(check(options.campaigns) if options.campaigns else "", page)
     if options.renew:
-        PAGE.write_text(LINE.sub(lambda _: said, PAGE.read_text(encoding="utf-8")), encoding="utf-8", newline="\n")
+        PAGE.write_text(LINE.sub(lambda _: said, page), encoding="utf-8", newline="\n")
     print(said)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.estimator_digest import CHANGED, LINE, PAGE, digest, digest_of_code
+from benchmarks.estimator_digest import CHANGED, LINE, PAGE, digest, digest_of_code, line
 
 
 def test_the_page_on_calibration_speaks_of_this_code() -> None:
@@ -22,3 +22,15 @@ def test_the_page_on_calibration_speaks_of_this_code() -> None:
 )
 def test_only_what_computes_counts(text: str, same: bool) -> None:
     assert (digest([text]) == digest(["def f(x):\n    return 2 * x"])) is same
+
+
+def test_a_renewal_keeps_the_last_check_with_the_code_that_it_checked() -> None:
+    check = "Checked by 20 campaigns, seed 2: 76 of 80 95 % intervals hold."
+    code = digest_of_code()
+    assert line(check, "") == f"Estimator's code: `{code}`. {check}"
+    assert line("", f"Text.\n\nEstimator's code: `{code}`. {check}\n\nText.") == line(check, "")
+    changed = line("", f"Estimator's code: `abc`. {check}\n")
+    assert changed == f"Estimator's code: `{code}`. Earlier code, `abc`, was c{check[1:]}"
+    assert line("", changed.replace(code, "def")) == changed
+    none = "Estimator's code: `abc`. No campaigns have checked this code."
+    assert line("", none) == none.replace("abc", code)
