@@ -13,7 +13,7 @@ study.check()
 # The diagnosis takes a minute or two. It names the current, which heading and speeds over ground show together.
 
 # %%
-diagnosis = study.diagnose(budget=600.0, progress=print)
+diagnosis = study.diagnose(budget=600.0)
 (cause,) = diagnosis.findings
 assert cause.effect == "current"
 diagnosis

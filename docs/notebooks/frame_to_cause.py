@@ -34,7 +34,7 @@ plain.plot()
 # The diagnosis tests every effect of the catalogue on the error, and names the causes.
 
 # %%
-diagnosis = study.diagnose(progress=print)
+diagnosis = study.diagnose()
 diagnosis
 
 # %%

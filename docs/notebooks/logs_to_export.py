@@ -15,7 +15,7 @@ checked
 checked.plot()
 
 # %%
-diagnosis = study.diagnose(progress=print)
+diagnosis = study.diagnose()
 diagnosis.to_pandas()
 
 # %% [markdown]

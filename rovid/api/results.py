@@ -85,7 +85,9 @@ class Record:
         return self._printed().export_html(inline_styles=True, code_format=_HTML)
 
     def _printed(self) -> SafeConsole:
-        console = SafeConsole(record=True, width=_WIDTH, file=io.StringIO(), force_terminal=True, legacy_windows=False)
+        # In a notebook rich would show each paragraph by itself, besides what is recorded here.
+        terminal = {"force_terminal": True, "force_jupyter": False, "legacy_windows": False}
+        console = SafeConsole(record=True, width=_WIDTH, file=io.StringIO(), **terminal)
         self.show(console)
         return console
 

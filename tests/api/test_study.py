@@ -107,7 +107,11 @@ def test_a_notebook_shows_progress_below_the_cell_and_takes_it_away(monkeypatch:
     shell = SimpleNamespace(get_ipython=lambda: SimpleNamespace(kernel="ipykernel"))
     monkeypatch.setitem(sys.modules, "IPython", shell)
     monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(display=cell.display))
-    described(table().head(500)).check()
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    checked = described(table().head(500)).check()
+    # Shown by the notebook, once, and not by printing too.
+    assert "can be fitted" in checked._repr_html_()
+    assert "can be fitted" in repr(checked)
     assert cell.shown == ["Checking the logs …", ""]
     cell.shown.clear()
     with pytest.raises(rovid.RovidError):
