@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from benchmarks.estimator_digest import line
+from benchmarks.estimator_digest import PAGE, line
 from rovid.effects import CATALOGUE
 
 LEVELS = (0.50, 0.80, 0.95)
@@ -99,7 +99,7 @@ def _head(records: Sequence[Record], seed: int) -> str:
 
 Measured with {measured}. Later versions have other searches and wider errors, and have not been measured here.
 
-{line()}
+{line("", PAGE.read_text(encoding="utf-8"))}
 
 {len(records)} campaigns, seed {seed}, each with randomly drawn vehicle, water, instruments, runs and hidden
 cause. `rovid fleet` diagnosed them. The simulator shares no code with rovid. rovid reads only the files. The
