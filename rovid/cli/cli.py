@@ -95,7 +95,7 @@ def help(  # noqa: A001 - the command's own name
     context: typer.Context, words: list[str] | None = None, *, json: bool = False
 ) -> None:
     """Print a page of the documentation."""
-    from rovid.present.terminal.topics import show_topics, topic_names, topic_text, topic_title
+    from rovid.present.terminal.topics import show_page_or_passages, show_topics, topic_names, topic_text, topic_title
 
     topic = " ".join(words) if words else None
     manual = _manual(context, topic)
@@ -112,8 +112,6 @@ def help(  # noqa: A001 - the command's own name
         if manual is not None:
             typer.echo(f"{manual}\n")
         if has_page:
-            from rovid.present.terminal.topic_search import show_page_or_passages
-
             show_page_or_passages(console(), topic)
 
 

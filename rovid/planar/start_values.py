@@ -14,7 +14,6 @@ from scipy.signal import lfilter
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
-from rovid.effects.base import Scales
 from rovid.estimate.dataset import effect_scales
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS
 from rovid.planar import dataset
@@ -329,17 +328,6 @@ def planar_sizes(data: dataset.PlanarData, start: StartValues) -> PlanarSizes:
         axis = {"surge_velocity": 0, "sway_velocity": 1, "north": 0, "east": 0}.get(name, 2)
         usual = start.speed[axis] * (1.0 if name.endswith(("velocity", "rate")) else time[axis])
         noise[name] = found if found > 1e-6 * usual else _DEFAULT_NOISE * usual
-    return PlanarSizes(
-        force=start.force,
-        speed=start.speed,
-        time=time,
-        inertia=(start.model if data.prior is None else data.prior.start(start.model)).base[:3],
-        effects=_effect_scales(data, start, time),
-        noise=noise,
-    )
-
-
-def _effect_scales(data: dataset.PlanarData, start: StartValues, time: FloatArray) -> Scales:
     columns = data.actuators.thruster_columns
     trials = [replace(run.trial, commands=run.trial.commands[:, columns], past=None) for run in data.runs]
     force, speed = start.force, start.speed
@@ -350,8 +338,15 @@ def _effect_scales(data: dataset.PlanarData, start: StartValues, time: FloatArra
     if data.actuators.steered:  # Effects on commands act on the angles.
         angles = [run.trial.commands[:, data.actuators.angle_columns] for run in data.runs]
         scales = replace(scales, command=max(float(np.max(np.abs(angle))) for angle in angles) or scales.command)
-    return replace(
-        scales, surge=float(speed[0]), sway=float(speed[1]), surge_force=float(force[0]), sway_force=float(force[1])
+    return PlanarSizes(
+        force=start.force,
+        speed=start.speed,
+        time=time,
+        inertia=(start.model if data.prior is None else data.prior.start(start.model)).base[:3],
+        effects=replace(
+            scales, surge=float(speed[0]), sway=float(speed[1]), surge_force=float(force[0]), sway_force=float(force[1])
+        ),
+        noise=noise,
     )
 
 

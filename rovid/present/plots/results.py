@@ -17,7 +17,6 @@ from rovid.core.stats import NORMAL_95
 from rovid.diagnose.formulas.discovery import Discovery, Formula
 from rovid.diagnose.result import Finding
 from rovid.estimate.experiment_design import ExperimentPlan
-from rovid.model.model import Model
 from rovid.present.number_format import shorten_name
 from rovid.present.plots import canvas
 from rovid.present.residuals import unexplained_torques
@@ -246,7 +245,20 @@ def plot_fault(fault: Fault) -> Figure:
 @canvas.report_style
 def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle: Vehicle) -> Figure:
     """Unexplained torque of the model without the formula, means of groups of readings, and the formula."""
-    law, signal, residual = _law_and_residual(found, formula, runs, formula.without, vehicle)
+    assert found.grammar is not None  # noqa: S101 - a formula has one
+    laws, signals, residuals = [], [], []
+    for item in unexplained_torques(runs, formula.without, vehicle):
+        name, at = item.run.trial.name, item.run.rates.time
+        time, series = item.run.trial.time, found.grammar.series[name]
+        law = np.zeros(len(time))
+        for k, product in enumerate(formula.products, start=1):
+            fitted = product.with_memory(formula.estimate.value(f"tau{k}")) if product.memory else product
+            law += formula.estimate.value(f"c{k}") * fitted.values(series, time)
+        signal = series[formula.signals[0]] if formula.signals else np.zeros(len(time))
+        laws.append(np.interp(at, time, law))
+        signals.append(np.interp(at, time, signal))
+        residuals.append(item.residual)
+    law, signal, residual = (np.concatenate(laws), np.concatenate(signals), np.concatenate(residuals))
     alone = len(formula.signals) == 1 and not any(product.memory for product in formula.products)
     x = signal if alone else law
     known = np.isfinite(x) & np.isfinite(residual)
@@ -266,23 +278,3 @@ def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle
     panel.set_ylabel("torque, N m")
     panel.legend()
     return figure
-
-
-def _law_and_residual(
-    found: Discovery, formula: Formula, runs: PreparedRuns, model: Model, vehicle: Vehicle
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(m,) torque of the formula in N m, its first signal, and the unexplained torque in N m, at all known rates."""
-    assert found.grammar is not None  # noqa: S101 - a formula has one
-    laws, signals, residuals = [], [], []
-    for item in unexplained_torques(runs, model, vehicle):
-        name, at = item.run.trial.name, item.run.rates.time
-        time, series = item.run.trial.time, found.grammar.series[name]
-        law = np.zeros(len(time))
-        for k, product in enumerate(formula.products, start=1):
-            fitted = product.with_memory(formula.estimate.value(f"tau{k}")) if product.memory else product
-            law += formula.estimate.value(f"c{k}") * fitted.values(series, time)
-        signal = series[formula.signals[0]] if formula.signals else np.zeros(len(time))
-        laws.append(np.interp(at, time, law))
-        signals.append(np.interp(at, time, signal))
-        residuals.append(item.residual)
-    return np.concatenate(laws), np.concatenate(signals), np.concatenate(residuals)

@@ -1,8 +1,9 @@
-"""Pages of `rovid help`: their list, their text, and their print on a terminal."""
+"""Pages of `rovid help`: their list, their text, their print on a terminal, and the search for words."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.markdown import Markdown, Paragraph, TableElement
@@ -11,7 +12,8 @@ import rovid
 from rovid.core.errors import ConfigError, suggestion
 from rovid.export import ALIASES as FORMAT_WORDS
 from rovid.export import FORMATS
-from rovid.present.console import ResultTable, print_text, text_column, wrap_text
+from rovid.present.console import ResultTable, print_labelled, print_text, text_column, wrap_text
+from rovid.present.number_format import as_sentence
 
 # Pages in the order of the list; the effects and the faults of logs follow.
 TOPICS = (
@@ -138,11 +140,6 @@ def _reference(link: re.Match[str], topic: str) -> str:
 _WIDEST = 100
 
 
-def show_topic(console: Console, topic: str) -> None:
-    """Print a page."""
-    show_markdown(console, topic_text(topic))
-
-
 def show_markdown(console: Console, text: str) -> None:
     """Print a text in Markdown."""
     console.print(_Page(text, code_theme="bw", hyperlinks=False), width=min(console.width, _WIDEST))
@@ -188,3 +185,63 @@ class _Page(Markdown):
         "paragraph_open": _WrappedParagraph,
         "table_open": _MarkdownTable,
     }
+
+
+# Words of a question that no passage needs to hold.
+_COMMON = """a about an and are be can do does for from has have how i in is it long many me mean much my need of on or
+    should the to use what when where which who why will with you"""
+# Most passages shown.
+_MOST = 4
+# A paragraph, a row of a table, or an item of a list.
+_END_OF_BLOCK = re.compile(r"\n\s*\n|\n(?=\||\* |\d+\. )")
+_CODE = re.compile(r"^ *```.*?^ *```$", re.DOTALL | re.MULTILINE)
+
+
+class Passage(NamedTuple):
+    """A paragraph of a page, with the last heading above it."""
+
+    topic: str
+    heading: str
+    text: str
+
+
+def find_passages(words: str) -> list[Passage]:
+    """The passages with all ``words``, those with the words in their heading first."""
+    wanted = _stems(words) - _stems(_COMMON)
+    found = [one for one in _passages() if wanted and wanted <= _stems(f"{one.heading} {one.text}")]
+    return sorted(found, key=lambda one: [-len(wanted & _stems(part)) for part in one[1:]])[:_MOST]
+
+
+def show_page_or_passages(console: Console, topic: str) -> None:
+    """Print a page, or the passages that hold all words; ConfigError without either."""
+    try:
+        show_markdown(console, topic_text(topic))
+        return
+    except ConfigError as error:
+        passages, nearest = find_passages(topic), as_sentence(str(error))
+        if not passages:
+            raise
+    for one in passages:
+        print_labelled(console, f"rovid help {one.topic}:", one.heading)
+        show_markdown(console, one.text)
+        console.print()
+    # Several words are a question; one word may be a page's name with an error.
+    print_text(console, "`rovid help` lists the pages." if " " in topic else nearest)
+
+
+def _passages() -> Iterator[Passage]:
+    for topic in topic_names():
+        heading = ""
+        for block in _END_OF_BLOCK.split(_CODE.sub("", topic_text(topic))):
+            if block.startswith("#"):
+                heading = block.strip("# ")
+            elif block.startswith("|"):
+                cells = [cell.strip() for cell in block.strip("| ").split("|")]
+                yield Passage(topic, heading, ": ".join(filter(None, cells)))
+            else:
+                yield Passage(topic, heading, block.removeprefix("* "))
+
+
+def _stems(text: str) -> set[str]:
+    """The words of ``text`` in lower case, without the s of a plural."""
+    return {word.removesuffix("s") if len(word) > 3 else word for word in re.findall(r"[^\W_]+", text.lower())}

@@ -11,7 +11,7 @@ import pytest
 
 from rovid.core.errors import ConfigError
 from rovid.effects import CATALOGUE
-from rovid.present.terminal import topic_search, topics
+from rovid.present.terminal import topics
 from tests.conftest import ROOT, Rovid
 
 DOCS = ROOT / "docs"
@@ -66,7 +66,7 @@ def test_what_is_called_otherwise_is_found(asked: str, nearest: str) -> None:
     ],
 )
 def test_words_of_a_question_find_the_passage(words: str, heading: str, rovid: Rovid) -> None:
-    first = topic_search.find_passages(words)[0]
+    first = topics.find_passages(words)[0]
     assert first.heading == heading
     done = rovid("help", *words.split())
     assert done.code == 0
