@@ -38,6 +38,9 @@ from rovid.trial.rates import resample
 _BLOCK, _BLOCKS = 8.0, 12
 # Largest effective number of predictions. The errors of an incomplete model recur however long the logs are.
 _MAX_COUNT = 200.0
+# Least number of predictions over a horizon, but the shortest: the parameters could fit a few predictions exactly, and
+# their mean square, which is the variance, would vanish. Twice the parameters of a model with one or two effects.
+_MIN_PREDICTIONS = 12
 # Index of the horizon between short and long ones.
 _MIDDLE = len(HORIZONS) // 2
 # Error of a model that diverges, over the scale of positions: large, but finite.
@@ -78,10 +81,13 @@ class MultiStepData(FitData):
 
     @cached_property
     def gridded_runs(self) -> list[GriddedRun]:
-        """Measured motion of each run on its grid."""
+        """Measured motion of each run on its grid, with the horizons that all runs together have enough of."""
         total = sum(float(np.ptp(run.trial.time)) for run in self.runs)
         apart = max(RESTARTS * self.time_constant, total / MAX_RESTARTS)
-        return [GriddedRun.of(run, self.time_constant, apart) for run in self.runs]
+        runs = [GriddedRun.of(run, self.time_constant, apart) for run in self.runs]
+        counts = np.bincount(np.concatenate([run.horizon for run in runs]), minlength=len(HORIZONS))
+        kept = np.flatnonzero((counts >= _MIN_PREDICTIONS) | (np.arange(len(HORIZONS)) == 0))
+        return [run.over(kept) for run in runs]
 
     @cached_property
     def grid(self) -> RestartGrid:

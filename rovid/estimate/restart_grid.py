@@ -1,7 +1,7 @@
 """Measured motion on a uniform grid, and the restarts and ends of multi-step predictions on it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self
 
@@ -84,6 +84,11 @@ class GriddedRun:
             ends=ends,
             horizon=horizon,
         )
+
+    def over(self, horizons: IntArray) -> Self:
+        """The same motion with the predictions over some ``horizons`` alone."""
+        kept = np.isin(self.horizon, horizons)
+        return replace(self, starts=self.starts[kept], ends=self.ends[kept], horizon=self.horizon[kept])
 
     @property
     def period(self) -> float:

@@ -80,6 +80,21 @@ def test_a_constant_torque_is_found_with_its_size() -> None:
     assert with_bias.model.effect_values[0] == pytest.approx(12.0, rel=0.03)
 
 
+def test_parameters_cannot_fit_all_predictions_over_a_horizon() -> None:
+    """Three predictions over the longest horizon of a short log would make their variance, and all errors, vanish."""
+    constant = time_constant(synthetic.ROSUB, records().rms_rate)
+    count = int(1.1 * HORIZONS[-1] * constant / 0.2)
+    weak = -0.5 * np.abs(TORQUE[:count])  # a torque that the model lacks
+    run = synthetic.run(TIME[:count], TORQUE[:count], noise=NOISE[:count], disturbance=weak)
+    whole = InnovationData([run], synthetic.LOGGED, synthetic.ROSUB)
+    objective = MultiStepLikelihood(MultiStepData.from_data(whole, synthetic.ROSUB), effects=(BIAS,))
+    start = np.append(MultiStepLikelihood(objective.data).parametrization.initial(), 0.01)
+    error, variance = objective.innovations(fit(objective, start).x)
+    assert len(error) > 20
+    assert np.sqrt(variance.min()) > np.std(NOISE)
+    assert set(records().horizon) == set(range(len(HORIZONS)))
+
+
 def test_the_variance_of_a_single_prediction_has_a_floor() -> None:
     """Else the likelihood of a horizon with one alone would have no bounds, and rounding would tell the best model."""
     ahead = records()
