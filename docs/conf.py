@@ -27,6 +27,7 @@ extensions = [
     "docs.extensions.generated",
     "docs.extensions.docstrings",
     "docs.extensions.search",
+    "docs.extensions.accessible",
 ]
 source_suffix = {".md": "markdown"}
 default_role = "literal"

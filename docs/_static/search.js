@@ -31,6 +31,8 @@ function times(word, counts) {
 
 const inTitle = (word, titled) => (titled.has(word) ? 1 : word.length > 3 && [...titled].some((each) => each.startsWith(word)) ? 0.5 : 0);
 
+const same = (asked, titled) => asked.length === titled.size && asked.every((word) => titled.has(word));
+
 // Sections by their score: BM25 of the text, the words of the title, and a share for words that are missing.
 function ranked(query) {
   const every = [...new Set(words(query))], asked = every.filter((word) => !COMMON.has(word));
@@ -47,8 +49,9 @@ function ranked(query) {
       if (count || title) met += rarity[at];
     });
     const share = met / (rarity.reduce((sum, each) => sum + each, 0) || 1);
-    // A question that users ask is answered in short on a page of its own.
-    return { ...section, score: score * share ** 2 * (section.page === SECTIONS.questions ? 1.6 : 1), terms };
+    // A question that users ask is answered in short on a page of its own. A title may be the query itself.
+    const weight = (section.page === SECTIONS.questions ? 1.6 : 1) * (same(every, section.titled) ? 2 : 1);
+    return { ...section, score: score * share ** 2 * weight, terms };
   }).filter(({ score }) => score > 0).sort((a, b) => b.score - a.score).slice(0, MOST);
 }
 

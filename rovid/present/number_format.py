@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import re
 from collections.abc import Sequence
 from statistics import median_high
 
@@ -13,6 +14,8 @@ from rovid.trial.axis import Axis
 _FIGURE_SPACE, _POINT_SPACE = "\u2007", "\u2008"
 DASH = "–"
 _PLUS_MINUS = " ± "
+# Between the axis and the name of a parameter of the coupled model.
+_COUPLED = re.compile(r"\b(surge|sway|yaw)\.(?=[a-z])")
 # Characters of the name of a trial in a table.
 NAME_LENGTH = 40
 
@@ -91,6 +94,7 @@ def steady_state_words(axis: Axis) -> str:
 
 def as_sentence(text: str) -> str:
     """A message of the command line as a sentence: names in words, units with superscripts, a capital letter first."""
+    text = _COUPLED.sub(r"\1 ", text).replace("R^2", "R²")
     for name in PARAMETER_TITLES:
         text = text.replace(name, name.replace("_", " "))
     for plain, symbol in _UNITS.items():

@@ -18,6 +18,7 @@ from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS
 from rovid.diagnose.result import UNIDENTIFIABLE, Conclusion, Diagnosis, Finding, OtherCause
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import PLANAR_FORMS, Effect, effect_named, every_form
+from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.model.model import Model
@@ -55,7 +56,7 @@ def effect_title(effect: Effect, axis: Axis = YAW) -> str:
 
 def cause_title(effect_id: str) -> str:
     """The title of the effect with this id; the id itself where the catalogue has none."""
-    titles = {effect.id: effect.title for effect in reversed((*every_form(), *PLANAR_FORMS))}
+    titles = {effect.id: effect.title for effect in reversed((*every_form(), *PLANAR_FORMS, CLOCKS_APART))}
     return titles.get(effect_id, effect_id)
 
 

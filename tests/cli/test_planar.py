@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 import tomllib
 from collections.abc import Callable
@@ -193,6 +194,9 @@ def test_the_page_has_tracks_and_speeds(work: Rovid) -> None:
     for title in ("Tracks", "Speeds", "Missing forces", "Every trial"):
         assert f">{title}</h2>" in page
     assert "Y_vdot" in page
+    # Landmarks have names of their own.
+    landmarks = re.findall(r'<h2 id=[^>]*>(.*?)</h2>|role="region" aria-label="(.*?)"', page)
+    assert len({first or second for first, second in landmarks}) == len(landmarks)
     assert Path("report_planar/plots/planar_tracks.png").stat().st_size > 1000
 
 

@@ -21,8 +21,10 @@ from __future__ import annotations
 
 import contextlib
 import doctest
+import importlib.resources
 import inspect
 import io
+import itertools
 import os
 import pkgutil
 import re
@@ -42,6 +44,7 @@ import pytest
 from docutils.core import publish_doctree
 from docutils.nodes import system_message
 from PIL import Image
+from playwright.sync_api import sync_playwright
 from typer.main import get_command
 
 from docs.make_pictures import FOLDER, PAGE, PICTURES, SCREENS, has_browser, screens
@@ -398,8 +401,10 @@ def test_the_site_builds_without_a_warning_or_network_and_has_valid_links(tmp_pa
     method = (site / "method.html").read_text(encoding="utf-8")
     assert method.count('<svg class="formula" role="img"') > 60
     assert "$" not in re.sub(r"<[^>]*>", "", method)
+    assert re.findall(r'<svg class="formula"[^>]*aria-label="[^"]*\. [A-Z][^"]*"', method) == []  # no text is a formula
     if has_browser():
         assert_search_answers(site, tmp_path / "profile")
+        assert_pages_are_accessible(site)
 
 
 # Questions that users have, and the section that answers each.
@@ -435,6 +440,23 @@ def assert_search_answers(site: Path, profile: Path) -> None:
         assert tab.ask("document.querySelectorAll('article img').length") == 0
         assert tab.complaints == []
         assert {urlsplit(url).scheme for url in tab.requests} <= {"file", "data"}
+
+
+def assert_pages_are_accessible(site: Path) -> None:
+    """axe-core finds nothing, on a wide and on a narrow screen."""
+    from tests.present.chromium import find_chromium
+
+    axe = (importlib.resources.files("axe_playwright_python") / "axe.min.js").read_text()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=["--no-sandbox"])
+        for name, width in itertools.product(("index", "open", "method", "tutorial", "search"), (1280, 390)):
+            page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme="dark")
+            page.goto((site / f"{name}.html").as_uri())
+            page.evaluate(axe)
+            found = page.evaluate("axe.run().then(result => result.violations)")
+            assert [(one["id"], node["html"]) for one in found for node in one["nodes"]] == [], (name, width)
+            page.close()
+        browser.close()
 
 
 def build(folder: Path) -> Path:

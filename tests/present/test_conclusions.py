@@ -17,10 +17,14 @@ from rovid.core.formatting import SafeConsole
 from rovid.diagnose.result import next_experiment
 from rovid.present.page.summary import summarize
 from rovid.present.report_data import ReportData
-from rovid.present.sentences import cautions, control_verdict, fit_verdict, next_step, verdict_sentence
+from rovid.present.sentences import cause_title, cautions, control_verdict, fit_verdict, next_step, verdict_sentence
 from rovid.present.terminal.watch import show_watch_event
 from rovid.store.watch_session import LogsDiagnosed
 from rovid.trial.assumptions import Assumptions
+
+
+def test_no_cause_has_its_id_for_a_title() -> None:
+    assert cause_title("clocks_apart") == "late stamps of the commands"
 
 
 def test_where_every_cause_is_confirmed_nothing_more_is_to_run(lagged: ReportData) -> None:

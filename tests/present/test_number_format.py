@@ -57,6 +57,7 @@ def test_messages_become_sentences() -> None:
     )
     assert as_sentence("hold_3.csv: lasts 2 s.") == "hold_3.csv: lasts 2 s."
     assert as_sentence("") == ""
+    assert as_sentence("sway.linear_drag hides yaw.inertia, R^2 0.9") == "Sway linear drag hides yaw inertia, R² 0.9."
 
 
 def test_names_and_units_are_for_people() -> None:
@@ -64,3 +65,4 @@ def test_names_and_units_are_for_people() -> None:
     assert parameter_title("thruster_lag.time_constant") == "thruster lag: time constant"
     assert unit_symbol("N m s^2/rad^2") == "N m s²/rad²"
     assert unit_symbol("s") == "s"
+    assert unit_symbol("N m s^2/(m rad) per kg m^2") == "N m s²/(m rad) per kg m²"
