@@ -65,7 +65,8 @@ docs: $(VENV)/installed  ## the documentation: build/docs/index.html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html -d build/doctrees docs build/docs
 	@echo "The documentation: build/docs/index.html"
 
-release: $(VENV)/installed  ## sdist and wheel in dist/, and the demo from that wheel outside the tree; uploads nothing
+release: $(VENV)/compiled  ## golden numbers, sdist and wheel in dist/, the demo from that wheel outside the tree; uploads nothing
+	$(BIN)/python -m pytest -q -m slow tests/whole/test_golden.py
 	rm -rf dist
 	$(BIN)/python -m build
 	.ci/try_wheel $(PYTHON)

@@ -79,7 +79,8 @@ class VehicleStudy:
         rudders
             For each rudder the keys of [[rudders]]; ``angle`` is a column, in degrees by default.
         vehicle
-            ``name``, ``mass`` in kg, ``length`` and ``width`` in m, or ``rigid_body_inertia`` in kg m^2.
+            ``name``, ``mass`` in kg, ``length`` and ``width`` in m, or ``rigid_body_inertia`` in kg m^2; and, as
+            `rovid fit-thrust-scale` prints them, ``thrust_scale`` and ``thrust_scale_error``.
         run
             Column that names the run of each row; None: all rows are one run.
         axis, axes, cutoff
