@@ -13,19 +13,20 @@ import numpy as np
 
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
+from rovid.diagnose.evidence import size_in_errors
 from rovid.diagnose.result import Conclusion, Finding
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import OUT_OF_TIME
 from rovid.effects import Effect
-from rovid.effects.base import Coupling
+from rovid.effects.base import Coupling, WaterCurrent
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.planar.dataset import PlanarData
-from rovid.planar.effect_fits import planar_candidates, with_hull_lift
+from rovid.planar.effect_fits import add_effect, planar_candidates, with_hull_lift
 from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined
 from rovid.planar.free_runs import better_simulating, fit_free_runs
 from rovid.planar.held_out import Parts, PlanarScores, noise_floors
 from rovid.planar.model import AXIS_NAMES
-from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.optimum import PlanarOptimum, coordinates_without
 from rovid.planar.search import PlanarSearch
 from rovid.planar.validation import Gate, challengers, is_at_bound, validated
 
@@ -78,6 +79,8 @@ def diagnose_planar(
     parts = Parts(data, base)
     if missing := _too_short(data, parts, base):
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
+    if (of_current := _base_in_current(_search(data, base, own))) is not None:
+        base, parts = of_current, Parts(data, of_current)
     search, model = _searched(data, base, own)
     likelier: list[Finding] = []
     simulating = better_simulating(model, data)
@@ -96,13 +99,34 @@ def diagnose_planar(
     return _result(gate, model, tested, rejected, likelier)
 
 
-def _searched(data: PlanarData, base: PlanarOptimum, budget: Budget) -> tuple[PlanarSearch, PlanarOptimum]:
+def _search(data: PlanarData, base: PlanarOptimum, budget: Budget) -> PlanarSearch:
     # A slew limit of commands is one of angles where these steer the vehicle.
     same = {"slew_limit"} if data.actuators.steered else set()
     candidates = tuple(form for form in planar_candidates(data) if form.key not in same)
-    search = PlanarSearch(data, base, candidates, budget)
+    return PlanarSearch(data, base, candidates, budget)
+
+
+def _searched(data: PlanarData, base: PlanarOptimum, budget: Budget) -> tuple[PlanarSearch, PlanarOptimum]:
+    search = _search(data, base, budget)
     budget.report("Searching for causes …")
     return search, search.challenged(search.run(base))
+
+
+def _base_in_current(search: PlanarSearch) -> PlanarOptimum | None:
+    """The base model of a hull with rudders in the current that shows next to it; None if that is the same model.
+
+    A current hides which forces of hull and rudder the runs show.
+    """
+    data = search.data
+    tests = search.screen(search.base) if data.actuators.rudders and search.is_usable(search.base) else []
+    current = next((one.effect for one in tests if isinstance(one.effect.acts, WaterCurrent)), None)
+    if current is None or tests[0].gain < search.threshold or tests[0].effect is not current:
+        return None
+    search.budget.report("Fitting the hull in the current …")
+    moved = with_hull_lift(add_effect(fit_base(data, with_current=True), current, data), data)
+    coordinates, x, _ = coordinates_without(moved, current)
+    still = PlanarOptimum.fit(moved.likelihood.with_coordinates(coordinates), coordinates.projected(x))
+    return still if still.model.names != search.base.model.names else None
 
 
 def _agreeing(search: PlanarSearch, model: PlanarOptimum, likelier: Collection[str]) -> PlanarOptimum:
@@ -169,7 +193,9 @@ def _result(
     if "current" in named and "north" in data.sensors:
         messages.append(_WIND)
     search.budget.report("Fitting all readings …")
-    fit = planar_result(data, refined(final, data))
+    final, complete, small = _complete(search, final, established)
+    messages += small
+    fit = planar_result(data, complete)
     base_fit = fit if not search.causes(final) else planar_result(data, search.base)
     findings, suspects = [], []
     for one in established:
@@ -177,7 +203,7 @@ def _result(
             messages = [*messages, f"{one.effect.title} shows, but these logs do not determine its size."]
         own = fit.estimate.only(one.effect.parameter_names)
         findings.append(replace(one, estimate=own, is_complete=not late))
-    likely = planar_result(data, model).estimate if len(established) < len(tested) else fit.estimate
+    likely = planar_result(data, model).estimate if len(findings) < len(tested) else fit.estimate
     for one in tested:
         if one not in established:
             own, probability = likely.only(one.effect.parameter_names), _as_suspect(one.probability)
@@ -189,13 +215,10 @@ def _result(
     floors = noise_floors(parts, final).scores
     scores = gate.held_out(final).scores
     base = PlanarAssessment(fit=base_fit, held_out=gate.held_out(search.base).scores)
-    verdict = "nothing_found"
-    if findings:
-        verdict = "found"
-    elif suspects:
-        verdict = "suspected"
-    elif not fit.white and (fit.at_limit or min(fit.free_run_r2.values(), default=1.0) < INNOVATIONS_R2):
-        verdict = "unexplained"
+    is_left = not fit.white and (fit.at_limit or min(fit.free_run_r2.values(), default=1.0) < INNOVATIONS_R2)
+    verdict: Conclusion = "unexplained" if is_left else "nothing_found"
+    if findings or suspects:
+        verdict = "found" if findings else "suspected"
     warnings = [*fit.warnings, *dict.fromkeys(messages)]
     if late:
         warnings.append(OUT_OF_TIME.format(search.budget.seconds))
@@ -221,6 +244,29 @@ def _result(
         warnings=tuple(warnings),
         budget=search.budget.use,
     )
+
+
+def _complete(
+    search: PlanarSearch, model: PlanarOptimum, established: list[Finding]
+) -> tuple[PlanarOptimum, PlanarOptimum, list[str]]:
+    """The model, and it fitted to all readings, without causes that are too small there; and messages on these.
+
+    The search takes thinned readings. Such causes are removed from those ``established``.
+    """
+    messages, complete = list[str](), refined(model, search.data)
+    for one in tuple(established):
+        if _is_small(complete, one.effect):
+            messages.append(f"{one.effect.title} is too small in all readings: it is not established.")
+            established.remove(one)
+            model = search.polish(search.without(model, one.effect))
+            complete = refined(model, search.data)
+    return model, complete, messages
+
+
+def _is_small(fitted: PlanarOptimum, effect: Effect) -> bool:
+    own = fitted.effect_estimate(effect)
+    errors = size_in_errors(effect, own.values, own.covariance, fitted.coordinates.sizes.effects)
+    return errors < THRESHOLDS.min_standard_errors_multi_step
 
 
 def _contradicted(tested: Sequence[Finding], likelier: Sequence[Finding]) -> list[Finding]:

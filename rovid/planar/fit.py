@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import significant
 from rovid.effects import Effect
@@ -50,6 +51,7 @@ _TURNS_ALONE = (
     "These runs turn the vehicle alone. Its hull sways freely in a turn: yaw.inertia is smaller than I by the square "
     "of sway_yaw.inertia over sway.inertia, which these runs do not determine."
 )
+_TOO_LIGHT = "the thrust curves promise less force than acts, the model misses a force, or the mass is wrong"
 _DRIFTS = (
     "Thrusters push ahead or sideways, and neither speed is measured: the model lacks the torque of the hull's drift "
     "(Munk moment). The standard errors include those of yaw alone. A DVL or a position would determine it."
@@ -264,6 +266,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     for at, name in enumerate(names):
         if not free[at]:
             refused[name] = _reason(name, axes, is_ship=is_ship)
+    refused |= dict(_lighter_than_rigid(data.vehicle.mass, model, np.sqrt(np.diag(covariance)), refused))
     prior = PriorUse.of(best, covariance, scale, refused)
     latency = _shown_latency(best)
     r2 = free_run_r2(model, data, yaw_only=best.likelihood.grid.yaw_only)
@@ -368,9 +371,16 @@ def _warnings(
             else ""
         )
         yield f"R^2 of the free-running simulation is low: {shares}. The model misses something in these runs.{hint}"
-    mass, base = data.vehicle.mass, best.model.base
+    least = _lighter_than_rigid(data.vehicle.mass, best.model, np.zeros(len(best.model.names)), refused)
+    yield from (f"{name} may be too small: {why}." for name, why in least)
+
+
+def _lighter_than_rigid(
+    mass: float | None, model: PlanarModel, errors: FloatArray, refused: Mapping[str, str]
+) -> Iterator[tuple[str, str]]:
+    """Inertias below the vehicle's ``mass`` by two (q,) ``errors``, and what that means."""
     for at, name in enumerate(("surge.inertia", "sway.inertia")):
-        if mass is not None and name not in refused and base[at] < _LEAST_RIGID * mass:
-            text = f"{name} is {significant(float(base[at]), 3)} kg, less than the vehicle's mass of "
-            text += f"{significant(mass, 3)} kg: the thrust curves promise less force than acts, or the mass is wrong."
-            yield text
+        value = float(model.base[at])
+        if mass is not None and name not in refused and value + 2.0 * errors[at] < _LEAST_RIGID * mass:
+            both = f"{significant(value, 3)} kg, less than the vehicle's mass of {significant(mass, 3)} kg"
+            yield name, f"it comes out as {both}: {_TOO_LIGHT}"
