@@ -216,7 +216,7 @@ def _result(
     scores = gate.held_out(final).scores
     base = PlanarAssessment(fit=base_fit, held_out=gate.held_out(search.base).scores)
     is_left = not fit.white and (fit.at_limit or min(fit.free_run_r2.values(), default=1.0) < INNOVATIONS_R2)
-    verdict: Conclusion = "unexplained" if is_left else "nothing_found"
+    verdict = "unexplained" if is_left else "nothing_found"
     if findings or suspects:
         verdict = "found" if findings else "suspected"
     warnings = [*fit.warnings, *dict.fromkeys(messages)]
