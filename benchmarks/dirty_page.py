@@ -139,7 +139,8 @@ The faults imitate reports of real loggers, and were not derived from the detect
 *Named*: `check` or `diagnose` names the fault. If only some logs have the fault, every named log is one of them.
 *False cause*: `diagnose` establishes an effect that does not act. *Fit right*: inertia and both drags of `fit` are
 within four standard errors of the truth. *Fit refused*: `fit` gives no parameter with a standard error. *Other faults*:
-faults are reported that the folder does not have. *Crash*: a traceback, or no answer in 120 s. Times are medians.
+faults are reported that the folder does not have. *Crash*: a traceback, or no answer in 120 s. Times are medians
+of processor time.
 
 False causes: {most}.
 
@@ -147,7 +148,7 @@ False causes: {most}.
 
 * The time of each reading is exact before the damage. Real loggers also have a varying latency.
 * `several_releases` has tests in yaw, between which a hand turns the vehicle. Free decays in roll and pitch are absent.
-* Two payloads in groups of two or three logs are seldom named: the scatter between logs of one payload is then unknown.
+* Two payloads in groups of two or three logs are not always named: so few logs hardly show their scatter.
 * In one file with late motion, rovid cannot distinguish a clock offset from a delay of the thrusters.
 * Tlog, ROS 1 bags, Parquet and NMEA are absent.
 
