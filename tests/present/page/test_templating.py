@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 from markupsafe import Markup
 
+from rovid.present import page
 from rovid.present.page.page_files import read_assets, require_same_vehicle, template_environment
+from rovid.present.tables import diagnosis, fits, trials
 from tests.conftest import SAMPLES, Rovid
 
 
@@ -48,3 +51,11 @@ def test_the_report_of_another_vehicle_is_not_replaced(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report"]
     # The same vehicle's own report is replaced.
     require_same_vehicle(page.parent, "A & B: C")
+
+
+def test_templates_call_only_functions_that_exist() -> None:
+    """A page of another kind than the tests render would fail only there."""
+    modules = {"fit_tables": fits, "trial_tables": trials, "diagnosis_tables": diagnosis}
+    for template in (Path(page.__file__).parent / "templates").rglob("*.j2"):
+        for module, name in re.findall(rf"\b({'|'.join(modules)})\.(\w+)", template.read_text(encoding="utf-8")):
+            assert hasattr(modules[module], name), f"{template.name}: {module}.{name}"
