@@ -26,7 +26,7 @@ from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stated_selection import StatedSelection, is_established, model_estimate
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected
-from rovid.effects import CATALOGUE, Effect, EffectParameter
+from rovid.effects import CATALOGUE, Effect, EffectParameter, effect_named
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.dataset import time_constant
 from rovid.estimate.estimate import Estimate
@@ -183,7 +183,12 @@ def _wave_finding(selection: Selection) -> Finding | None:
 
 
 def _without_signal(selection: Selection, effect: Effect) -> tuple[Effect, ...]:
-    """Effects that imitate ``effect`` and could not be tested, because a signal is not logged."""
+    """Effects that imitate ``effect`` and could not be tested: a signal is not logged, or an angle is in the torque."""
+    thrusters = selection.data.vehicle.thrusters if selection.data.vehicle else ()
+    slew = effect_named("slew_limit")
+    if effect.id in slew.rivals and any(one.steering is not None for one in thrusters):
+        # The gear limits the rate of the angle. The command of yaw alone is the angle times the squared speed.
+        return (slew,)
     if not selection.multi_step:
         return ()
     tried = {candidate.id for candidate in selection.search.candidates}

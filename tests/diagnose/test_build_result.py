@@ -12,13 +12,13 @@ import pytest
 
 from rovid.diagnose import build_result, stated_selection
 from rovid.diagnose.algorithm import conclude
-from rovid.diagnose.build_result import _wave_finding, subsets
+from rovid.diagnose.build_result import _wave_finding, _without_signal, subsets
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stated_selection import _average_over_forms, average_over_suspects, is_established, state
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected
-from rovid.effects import CATALOGUE
+from rovid.effects import CATALOGUE, effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
@@ -179,3 +179,16 @@ def test_waves_smaller_than_their_standard_error_are_no_suspect(
     waves: Any = SimpleNamespace(fitted=selection.model, probability=0.97, gain=42.0, bic_gain=30.0, held_out_gain=9.0)
     monkeypatch.setattr(build_result, "size_in_errors", lambda *_: size)
     assert (_wave_finding(replace(selection, waves=waves)) is not None) == is_suspect
+
+
+@pytest.mark.parametrize(("effect", "steered", "found"), [
+    ("command_delay", True, ["slew_limit"]), ("thruster_lag", True, ["slew_limit"]), ("command_delay", False, []),
+    ("bias_torque", True, []),
+])  # fmt: skip
+def test_a_delay_of_a_rudder_may_be_a_slew_limit_of_its_gear(effect: str, steered: bool, found: list[str]) -> None:
+    """The limit acts on the angle; the command of yaw alone is the angle times the squared speed."""
+    thrusters = [SimpleNamespace(steering=object() if steered else None)]
+    selection: Any = SimpleNamespace(
+        data=SimpleNamespace(vehicle=SimpleNamespace(thrusters=thrusters)), multi_step=False
+    )
+    assert [one.id for one in _without_signal(selection, effect_named(effect))] == found
