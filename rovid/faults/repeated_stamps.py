@@ -5,7 +5,7 @@ next stamp fill the time at the usual interval, the sensor is regular: they are 
 twice instead leaves no time: its copy is left out, as elsewhere.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -25,8 +25,9 @@ _LEAST_INTERVAL, _MOST_INTERVAL = 0.7, 1.4
 _FILLED = 0.8
 # Intervals by which a stamp may be off the regular one.
 _OFF_GRID = 0.3
-# Range of the errors of rounded stamps in steps of the rounding; the fit of the line is off by a little.
-_ROUNDED = 1.1
+# Range of the errors of rounded stamps in steps of the rounding, where the fit of the line is off by a little; distance
+# of a whole multiple of it; least rounding in intervals.
+_ROUNDED, _WHOLE, _COARSE = 1.1, 0.01, 1.1
 # Share of repeated stamps whose values differ from the reading before, below which readings are stored twice.
 _NEW = 0.05
 
@@ -41,6 +42,9 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
     most = np.add.reduceat(known, firsts, axis=1, dtype=np.int64).max(axis=0)
     if np.mean(most[sizes > 1] > 1) < _FILLED:  # Each row holds another signal.
         return
+    if (even := _unrounded(data.time)) is not None:
+        yield _found(data, repeated, float(np.mean(np.diff(even))), partial(replace, time=even))
+        return
     stamps = data.time[firsts]
     steps = np.diff(stamps)
     usual = _usual(steps, sizes[:-1])
@@ -53,10 +57,15 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
     if not groups[1:].any():
         return
     exact = _with_own_stamps(data.time)
-    if exact is None:
-        exact = _unrounded(data.time, resolution)
     if exact is None and np.mean(fills[1:][groups[1:]]) < _FILLED:
         return
+    spread = partial(_spread, firsts=firsts, usual=usual, fills=fills)
+    yield _found(data, repeated, usual, spread if exact is None else partial(replace, time=exact))
+
+
+def _found(
+    data: ClockData, repeated: BoolArray, usual: float, repair: Callable[[ClockData], ClockData]
+) -> Detection[ClockData]:
     count = int(repeated.sum())
     fault = Fault(
         fault="repeated_stamps",
@@ -66,11 +75,7 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
         standard_error=float(np.sqrt(count) / len(data.time)),
         remedy="none",
     )
-    done = f"The readings were spread evenly, about {usual:.4g} s apart."
-    repair = (
-        partial(_spread, firsts=firsts, usual=usual, fills=fills) if exact is None else partial(replace, time=exact)
-    )
-    yield Detection(fault=fault, done=done, repair=repair)
+    return Detection(fault=fault, done=f"The readings were spread evenly, about {usual:.4g} s apart.", repair=repair)
 
 
 def _with_own_stamps(time: FloatArray) -> FloatArray | None:
@@ -89,15 +94,22 @@ def _with_own_stamps(time: FloatArray) -> FloatArray | None:
     return np.asarray(time + interval * whole)
 
 
-def _unrounded(time: FloatArray, resolution: float) -> FloatArray | None:
-    """(n,) s of a regular clock whose readings, rounded to the ``resolution``, are the stamps; None for other clocks.
+def _unrounded(time: FloatArray) -> FloatArray | None:
+    """(n,) s of a regular clock whose readings, rounded to more than their interval, are the stamps; None for others.
 
-    The stamps are off by one step of the rounding at most. A spread from stamp to stamp would be off by as much.
+    The stamps are whole multiples of the rounding, and off by one step of it at most. A spread from stamp to stamp
+    would be off by as much.
     """
+    steps = np.diff(time)
+    resolution = float(steps[steps > _TICK].min(initial=np.inf))
     rows = np.arange(len(time), dtype=np.float64)
-    interval, start = np.polyfit(rows, time, 1).tolist()
-    even = start + interval * rows
-    return even if interval > _TICK and np.ptp(time - even) <= _ROUNDED * resolution else None
+    interval, start = np.polyfit(rows, time - time[0], 1).tolist()
+    even = time[0] + start + interval * rows
+    scatter = float(np.ptp(time - even))
+    is_multiple = np.all(np.abs(steps / resolution - np.rint(steps / resolution)) < _WHOLE)
+    is_rounded = 0.5 * resolution < scatter <= _ROUNDED * resolution
+    # A rounding that is nearly the interval looks like a row that is stored twice here and there.
+    return even if is_multiple and is_rounded and resolution > _COARSE * interval > _TICK else None
 
 
 def _usual(steps: FloatArray, sizes: IntArray) -> float:

@@ -27,7 +27,7 @@ def test_milliseconds_of_a_fast_sensor_are_spread() -> None:
     assert np.abs(data.time - time).max() < 1.5e-3
 
 
-@pytest.mark.parametrize("interval", [0.0499, 0.031])
+@pytest.mark.parametrize("interval", [0.0499, 0.031, 0.06, 0.07, 0.08])
 def test_rounded_stamps_of_a_regular_clock_are_exact(interval: float) -> None:
     time, heading, command = motion(3, interval=interval)
     data, (fault,) = examined(clock(np.round(time, 1), heading=heading, fore=command))
