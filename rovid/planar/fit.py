@@ -365,11 +365,10 @@ def _warnings(
     poor = [name for name, value in r2.items() if value < INNOVATIONS_R2]
     if poor and (limited or not best.is_white):
         shares = ", ".join(f"{name} {r2[name]:.2f}" for name in poor)
-        hint = (
-            " Check the position of the antenna in [signals]: without it rovid assumes the origin of the vehicle."
-            if "north" in data.sensors
-            else ""
-        )
+        placed = {"north": "antenna", "surge_velocity": "DVL", "sway_velocity": "DVL"}
+        places = " and of the ".join(dict.fromkeys(one for name, one in placed.items() if name in data.sensors))
+        hint = f" Check the position of the {places} in [signals]: without it rovid assumes the origin of the vehicle."
+        hint *= bool(places)
         yield f"R^2 of the free-running simulation is low: {shares}. The model misses something in these runs.{hint}"
     least = _lighter_than_rigid(data.vehicle.mass, best.model, np.zeros(len(best.model.names)), refused)
     yield from (f"{name} may be too small: {why}." for name, why in least)
