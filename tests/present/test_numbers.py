@@ -6,6 +6,7 @@ import io
 import json
 import math
 import re
+import shutil
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,14 @@ import pytest
 
 from rovid.core.formatting import SafeConsole, plus_minus, to_json
 from rovid.present.documents.diagnosis import diagnosis_document
-from rovid.present.number_format import parameter_title, rounded_errors
+from rovid.present.number_format import DASH, parameter_title, rounded_errors
 from rovid.present.page.summary import summarize
 from rovid.present.report_data import ReportData
 from rovid.present.sentences import cause_title
 from rovid.present.terminal.diagnosis import show_diagnosis
-from tests.conftest import SAMPLES, Rovid
+from tests.conftest import SAMPLES, Rovid, diagnosed_once
 from tests.present.conftest import study_of
+from tools.wide import draw, write_campaign
 
 Document = dict[str, Any]
 # Blanks that align decimal points, and other blanks.
@@ -43,7 +45,10 @@ def check_diagnosis(document: Document, terminal: str, page: str, stored: Docume
     """Compare the figures of a diagnosis in all places where they are shown."""
     terminal, page = plain(terminal), plain(page)
     for name, parameter in document["extended"]["parameters"].items():
-        assert re.search(rf"{re.escape(name)}[\w:.]* {re.escape(sized(parameter))} ", terminal), name
+        # The form of an effect stands between its id and the parameter.
+        effect, dot, own = name.rpartition(".")
+        shown = rf"{re.escape(effect)}[\w:]*{re.escape(dot + own)}[\w:]*"
+        assert re.search(rf"{shown} {re.escape(sized(parameter))} ", terminal), name
         written = next(one for key, one in stored["parameters"].items() if re.sub(r":\w+", "", key) == name)
         assert sized(written) == sized(parameter), name
         assert sized(parameter) in page, name
@@ -62,17 +67,17 @@ def check_diagnosis(document: Document, terminal: str, page: str, stored: Docume
             # Titles of forms follow in brackets. A dependence on a signal is no cause, and may come first.
             assert re.search(rf"{re.escape(title)}[^;]* {gain:.0f}\b", page), effect
     gain = document["held_out_gain"]
-    rate = gain["yaw_rate_rmse"]
+    rate = next(one for key, one in gain.items() if key.endswith("_rmse"))
     sides = ("base", "extended", "noise_floor") if document["findings"] else ("base", "noise_floor")
     errors = [rounded_errors([rate[key] for key in sides])]
     for horizon in (10, 60):
-        heading = gain[f"heading_error_{horizon}s"]
-        radians = [heading[key] for key in sides]
-        errors.append(rounded_errors([value and math.degrees(value) for value in radians]))
+        position = next(one for key, one in gain.items() if key.endswith(f"_error_{horizon}s"))
+        factor = math.degrees(1.0) if position["unit"] == "rad" else 1.0
+        errors.append(rounded_errors([position[key] and factor * position[key] for key in sides]))
     for row in errors:
         assert " ".join(row) in terminal
         assert " ".join(row) in page
-    assert all(value in page for value in (*errors[0], *errors[-1]))
+    assert all(value in page for row in errors for value in row if row[0] != DASH)
     share = 100.0 * document["unexplained"]["share_of_torque_variance"]
     assert f"left unexplained: {share:.2g} %" in terminal
 
@@ -113,3 +118,27 @@ def test_every_command_on_a_sample_shows_one_result(sample: str, tmp_path: Path,
         assert sized(sides["b"]) in shown, name
         gap = abs(sides["b"]["value"] - document["extended"]["parameters"][name]["value"])
         assert gap < SAME_OPTIMUM * sides["b"]["standard_error"], name
+
+
+# Further samples with their axis, and made-up campaigns of tools.wide.
+OTHERS = {"bldc_bench": "yaw", "bluerov2_dataflash": "yaw", "kvlcc2_roll_decay": "roll"}
+MADE_UP, SEED = (0, 1, 2, 3, 4, 6, 7, 8), 551
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", [*OTHERS, *MADE_UP])
+def test_the_diagnosis_of_other_samples_and_of_made_up_campaigns_reads_the_same(
+    source: str | int, tmp_path: Path, rovid: Rovid
+) -> None:
+    logs, file = tmp_path / "logs", tmp_path / "p.toml"
+    if isinstance(source, int):
+        write_campaign(logs, draw(SEED, source))
+    else:
+        shutil.copytree(SAMPLES / source, logs)
+    along = ("--axis", OTHERS.get(str(source), "yaw"), "-p", file, "--budget", "3600")
+    with diagnosed_once({}):
+        document = rovid("diagnose", logs, *along, "--json").document
+        terminal = rovid("diagnose", *along).out
+        assert rovid("report", *along, "-o", tmp_path / "report", "--no-control", "--no-export").code == 0
+    page = re.sub(r'alt="([^"]*)"', r"> \1 <", (tmp_path / "report" / "index.html").read_text(encoding="utf-8"))
+    check_diagnosis(document, terminal, page, tomllib.loads(file.read_text(encoding="utf-8")))
