@@ -241,8 +241,8 @@ def _are_shuffled(time: FloatArray) -> bool:
 
     Sorted rows then follow each other at even intervals, and no row is missing where two blocks meet.
     """
-    if np.all(np.diff(time) >= 0.0):
-        return False
+    if np.all(np.diff(time) >= 0.0) or np.all(np.diff(time) <= 0.0):
+        return bool(time[-1] < time[0])  # Exports may have the newest row first.
     order = np.argsort(time, kind="stable")
     steps, moved = np.diff(time[order]), np.diff(order) != 1
     interval = subsampled_median(steps)
