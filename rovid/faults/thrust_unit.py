@@ -36,6 +36,8 @@ _UNITS = {
 _LEAST_RATIO, _USUAL_RATIO, _LARGEST_RATIO = 1.0, 1.5, 4.0
 # Ratio below which the logs stop: hidden effects bias the quick model by at most 40 %, a fit by 20 %.
 _QUICK_LIMIT, _FIT_LIMIT = 0.6, 0.8
+# Ratio above which a mass near the middle may explain it: with 0.7 of the radius of gyration of a box.
+_OF_A_BOX = 0.5
 # Ratio above which no water explains the inertia: five times the largest published one. Degrees in a radian.
 _IMPOSSIBLE, _DEGREES = 20.0, 57.2958
 # Largest share of the curve that commands of another, smaller unit use: volts of a curve in percent use a half at most.
@@ -163,6 +165,8 @@ def _fault(
         f"{_inertia_text(inertia, vehicle, reference)}{_CAUSES if others else _WRONG}{causes_text}. "
         f"Check the curve's newtons, {vehicle.axis.arm_key}, mass and size."
     )
+    if ratio > _OF_A_BOX and vehicle.axis.angular:
+        text += " A mass that is near the middle has less than that of a box: then enter rigid_body_inertia."
     return Fault(
         fault="thrust_unit",
         logs=(),
