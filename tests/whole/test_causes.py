@@ -57,8 +57,8 @@ OUTSIDE = [("rosub", "outside-surge-strong"), ("small", "outside-manipulator-str
 
 
 def one_and_all(cases: Sequence[tuple[str, str]]) -> list[Any]:
-    """For `make test-slow`: the first of ``cases`` on half a campaign, and all of them on a whole one."""
-    return [slow(*cases[0], half_of), *(slow(*case, campaign_for) for case in cases)]
+    """The first of ``cases`` on half a campaign, and for `make test-slow` all of them on a whole one."""
+    return [(*cases[0], half_of), *(slow(*case, campaign_for) for case in cases)]
 
 
 # Fresh campaigns on each run, so that nothing is tuned to a seed; ROVID_SEED repeats them.
