@@ -19,6 +19,7 @@ from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected, drop_likely, suspects
 from rovid.effects import Effect
+from rovid.effects.base import canonical_phases
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import misspecification_covariance, require_swing
@@ -176,8 +177,11 @@ def _deviation(estimate: Estimate, fitted: FitResult) -> FloatArray:
 
 
 def _common_names(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
-    """Parameter names without the form where all forms of an effect share the parameter."""
-    specific = {effect.key for effect in effects if effect.per_thruster}
+    """Parameter names without the form where all forms of an effect share the parameter.
+
+    An amplitude is that of another number of cycles in each form.
+    """
+    specific = {effect.key for effect in effects if effect.per_thruster or effect.canonical is canonical_phases}
     return [name if _effect_key(name) in specific else without_form(name) for name in names]
 
 

@@ -15,7 +15,13 @@ from rovid.diagnose.algorithm import conclude
 from rovid.diagnose.build_result import _wave_finding, _without_signal, subsets
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.selection import Selection
-from rovid.diagnose.stated_selection import _average_over_forms, average_over_suspects, is_established, state
+from rovid.diagnose.stated_selection import (
+    _average_over_forms,
+    _deviation,
+    average_over_suspects,
+    is_established,
+    state,
+)
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected
 from rovid.effects import CATALOGUE, effect_named
@@ -192,3 +198,16 @@ def test_a_delay_of_a_rudder_may_be_a_slew_limit_of_its_gear(effect: str, steere
         data=SimpleNamespace(vehicle=SimpleNamespace(thrusters=thrusters)), multi_step=False
     )
     assert [one.id for one in _without_signal(selection, effect_named(effect))] == found
+
+
+def test_amplitudes_of_other_numbers_of_cycles_are_other_parameters() -> None:
+    """The form with both has no first harmonic where two cycles act, and that is no error of their amplitude."""
+    estimate: Any = SimpleNamespace(
+        names=("inertia", "heading_deviation:two_cycles.amplitude"), values=np.array([2.0, 0.05])
+    )
+    names = ("inertia", "heading_deviation:mixed.amplitude", "heading_deviation:mixed.second_amplitude")
+    model = SimpleNamespace(names=names, values=np.array([2.5, 0.0, 0.05]))
+    fitted: Any = SimpleNamespace(
+        effects=(effect_named("heading_deviation:mixed"),), canonical=lambda: fitted, model=model
+    )
+    assert _deviation(estimate, fitted) == pytest.approx([0.5, 0.0])
