@@ -241,8 +241,8 @@ def _are_shuffled(time: FloatArray) -> bool:
 
     Sorted rows then follow each other at even intervals, and no row is missing where two blocks meet.
     """
-    if np.all(np.diff(time) >= 0.0) or np.all(np.diff(time) <= 0.0):
-        return bool(time[-1] < time[0])  # Exports may have the newest row first.
+    if np.all(np.diff(time) >= 0.0):
+        return False
     order = np.argsort(time, kind="stable")
     steps, moved = np.diff(time[order]), np.diff(order) != 1
     interval = subsampled_median(steps)
@@ -259,7 +259,10 @@ def _refuse_backward(stamps: FloatArray, clock: str, place: Callable[[int], str]
             f"{clock} runs backwards at {place(at)}, from {stamps[at - 1]:.10g} s to {stamps[at]:.10g} s; {count} of "
             f"{len(stamps)} samples are not later than those before them."
         )
-        raise LogError(text, where=where, mend="Split the log where its clock was set back, or map another time.")
+        mend = "Split the log where its clock was set back, or map another time."
+        if np.all(np.diff(stamps) <= 0.0):
+            mend = "The newest row comes first: turn the order of the rows around."
+        raise LogError(text, where=where, mend=mend)
 
 
 def _merge_duplicates(
