@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rovid.core.formatting import plus_minus
+from rovid.core.formatting import plus_minus, significant
 from rovid.faults.base import Detection, Detectors, RunsData, SignalData, named
 from rovid.faults.quick_model import log_name
 from rovid.trial.fault import Fault
@@ -78,10 +78,9 @@ def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:
     fewest = (_MIN_WRAPS if ratio < 1.0 and not fills else 1) if usual else _MIN_UNUSUAL
     if is_turn or len(wraps) < fewest or np.ptp(periods) > _NEAR * period:
         return
-    jump = float(f"{period * _DEG:.4g}")
     text = (
-        f"{data.log}: the {data.name} jumps by {jump:g} deg where it wraps, instead of 360 deg. It is logged at "
-        f"{ratio:.3g} of its size{f' ({usual})' if usual else ''}: multiply it by {1.0 / ratio:.4g}"
+        f"{data.log}: the {data.name} jumps by {significant(period * _DEG, 3)} deg where it wraps, instead of 360 deg. "
+        f"It is logged at {ratio:.3g} of its size{f' ({usual})' if usual else ''}: multiply it by {1.0 / ratio:.4g}"
         f"{_AS_UNIT if usual == _SCALES[100.0] else '.'}"
     )
     fault = Fault(

@@ -79,9 +79,10 @@ def diagnose_planar(
     parts = Parts(data, base)
     if missing := _too_short(data, parts, base):
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
-    if (of_current := _base_in_current(_search(data, base, own))) is not None:
-        base, parts = of_current, Parts(data, of_current)
-    search, model = _searched(data, base, own)
+    search = _search(data, base, own)
+    if (of_current := _base_in_current(search)) is not None:
+        base, parts, search = of_current, Parts(data, of_current), _search(data, of_current, own)
+    model = _selected(search)
     likelier: list[Finding] = []
     simulating = better_simulating(model, data)
     if simulating.is_multi_step and not model.is_multi_step:
@@ -91,8 +92,8 @@ def diagnose_planar(
         likelier = [first.tested(model, effect)[0] for effect in search.causes(model)]
         base = fit_free_runs(base, data) if search.causes(model) else replace(simulating, likeliest=None)
         parts = Parts(data, base)
-        search, model = _searched(data, base, own)
-        model = _agreeing(search, model, {one.effect.id for one in likelier})
+        search = _search(data, base, own)
+        model = _agreeing(search, _selected(search), {one.effect.id for one in likelier})
     report("Validating on held-out parts …")
     gate = Gate(search, parts)
     model, tested, rejected = validated(search, gate, model)
@@ -106,10 +107,10 @@ def _search(data: PlanarData, base: PlanarOptimum, budget: Budget) -> PlanarSear
     return PlanarSearch(data, base, candidates, budget)
 
 
-def _searched(data: PlanarData, base: PlanarOptimum, budget: Budget) -> tuple[PlanarSearch, PlanarOptimum]:
-    search = _search(data, base, budget)
-    budget.report("Searching for causes …")
-    return search, search.challenged(search.run(base))
+def _selected(search: PlanarSearch) -> PlanarOptimum:
+    """The model with the causes that no other set beats."""
+    search.budget.report("Searching for causes …")
+    return search.challenged(search.run(search.base))
 
 
 def _base_in_current(search: PlanarSearch) -> PlanarOptimum | None:
@@ -193,7 +194,7 @@ def _result(
     if "current" in named and "north" in data.sensors:
         messages.append(_WIND)
     search.budget.report("Fitting all readings …")
-    final, complete, small = _complete(search, final, established)
+    established, final, complete, small = _fitted_to_all_readings(search, final, established)
     messages += small
     fit = planar_result(data, complete)
     base_fit = fit if not search.causes(final) else planar_result(data, search.base)
@@ -246,21 +247,22 @@ def _result(
     )
 
 
-def _complete(
-    search: PlanarSearch, model: PlanarOptimum, established: list[Finding]
-) -> tuple[PlanarOptimum, PlanarOptimum, list[str]]:
-    """The model, and it fitted to all readings, without causes that are too small there; and messages on these.
+def _fitted_to_all_readings(
+    search: PlanarSearch, model: PlanarOptimum, established: Sequence[Finding]
+) -> tuple[list[Finding], PlanarOptimum, PlanarOptimum, list[str]]:
+    """Causes that remain ``established``, their model, its fit to all readings, and messages on the others.
 
-    The search takes thinned readings. Such causes are removed from those ``established``.
+    The search takes thinned readings. In all of them a cause may be too small.
     """
-    messages, complete = list[str](), refined(model, search.data)
-    for one in tuple(established):
-        if _is_small(complete, one.effect):
+    found, messages, complete = list[Finding](), list[str](), refined(model, search.data)
+    for one in established:
+        if not _is_small(complete, one.effect):
+            found.append(one)
+        else:
             messages.append(f"{one.effect.title} is too small in all readings: it is not established.")
-            established.remove(one)
             model = search.polish(search.without(model, one.effect))
             complete = refined(model, search.data)
-    return model, complete, messages
+    return found, model, complete, messages
 
 
 def _is_small(fitted: PlanarOptimum, effect: Effect) -> bool:

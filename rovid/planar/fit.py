@@ -22,7 +22,7 @@ from rovid.planar.model import AXIS_NAMES, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.prior import PriorUse
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values, with_own_sizes
-from rovid.planar.uncertainty import LOOSER, of_yaw_alone, parameter_scale, total_covariance
+from rovid.planar.uncertainty import LOOSER, parameter_scale, total_covariance, yaw_alone_covariance
 
 _METHOD = "maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together"
 _METHOD_FREE_RUNS = "least squares of free-running simulations over some time constants, surge, sway and yaw together"
@@ -255,7 +255,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         shift = np.where(turns, np.remainder(shift + np.pi, 2.0 * np.pi) - np.pi, shift)
         covariance = covariance + np.outer(shift, shift)
     if best.likelihood.grid.yaw_only and is_pushed(data):
-        covariance = covariance + of_yaw_alone(data, best)
+        covariance = covariance + yaw_alone_covariance(data, best)
     free = coordinates.free[: coordinates.noise_begin]
     names, scale = model.names, parameter_scale(best)
     is_ship = SHIP in {effect.key for effect in best.effects}

@@ -56,7 +56,7 @@ def total_covariance(best: PlanarOptimum) -> FloatArray:
     return np.asarray(best.covariance * np.outer(factor, factor) + np.outer(change, change))
 
 
-def of_yaw_alone(data: PlanarData, best: PlanarOptimum) -> FloatArray:
+def yaw_alone_covariance(data: PlanarData, best: PlanarOptimum) -> FloatArray:
     """(q, q) further covariance where thrusters push along surge and sway, and neither is measured.
 
     Drift turns a hull (Munk moment). The model of yaw alone counts that among the torques that it may lack. Without

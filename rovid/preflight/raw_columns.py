@@ -111,7 +111,7 @@ class SignalGuess:
 
 
 class SourceColumn:
-    """One source in all logs that have it, with what its name and its values show."""
+    """One source in all logs that have it: the words and the unit of its name, and its values."""
 
     def __init__(self, source: str, logged: Sequence[RawColumn]) -> None:
         self.source, self.logged = source, logged

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.formatting import significant
 from rovid.preflight.axis_guess import axis_signals
 from rovid.preflight.command_effects import CommandEffect, command_effects
 from rovid.preflight.drive_guess import RudderGuess, guess_rudder, is_steered, speed_question
@@ -279,7 +280,7 @@ def _angle_unit(column: SourceColumn) -> tuple[str, str]:
     for unit, turn in FULL_TURN.items():
         within = -1.01 * turn / 2 <= low and high <= 1.01 * turn
         if within and np.any(np.abs(steps - turn) < 0.1 * turn):
-            return unit, f"{span}, and it jumps by {float(f'{turn:.4g}'):g}, a whole turn"
+            return unit, f"{span}, and it jumps by {significant(turn, 3)}, a whole turn"
     named = named_unit(column.source)
     if named in FULL_TURN:
         return named, f"{span}; the unit by its name"

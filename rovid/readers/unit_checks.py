@@ -16,7 +16,7 @@ _TURN_RAD, _TURN_DEG = 2.0 * math.pi, 360.0
 _MIN_RANGE = 3.5
 # Radians are logged with more than two decimals (half a degree); degrees often are not.
 _COARSE = 0.01
-# Share of the readings of a tilt that spikes leave.
+# Share of the readings of a tilt that are no spikes.
 _MOST = 0.99
 # rad/s; no underwater vehicle keeps turning this fast.
 _MAX_RATE = 6.0
@@ -46,7 +46,7 @@ def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, 
 
 
 def refuse_wrong_tilt(channel: Channel, signal: Signal, where: str) -> None:
-    """Raise `LogError` if a roll or pitch that is declared in radians turns the vehicle upside down, and more."""
+    """Raise `LogError` if a roll or pitch that is declared in radians exceeds half a turn."""
     values = channel.values[is_plausible(channel.values)]
     if channel.radians or signal.unit != "rad" or not len(values):
         return

@@ -185,7 +185,7 @@ def _usable_trials(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remar
 def _about_one_level(trials: Sequence[Trial]) -> tuple[list[Trial], list[Remark]]:
     """The decays about one angle, and a remark on those that swing about another one, by ballast or a sensor's zero."""
     levels = [swing_level(trial.position[trial.measured]) for trial in trials]
-    usual = float(np.nanmedian([level for level, _ in levels] or [np.nan]))
+    usual = float(np.median([level for level, _ in levels if math.isfinite(level)] or [np.nan]))
     found, remarks = [], []
     for trial, (level, largest) in zip(trials, levels, strict=True):
         if abs(level - usual) > _ANOTHER_LEVEL * largest:
