@@ -6,7 +6,7 @@ JOBS   ?= auto
 
 ROVID  ?= $(BIN)/rovid
 
-.PHONY: demo demo-alone test pytest test-slow lint docs release bench sweep torture challenge lowest clean
+.PHONY: demo demo-alone test pytest test-slow notebooks lint docs release bench sweep torture challenge lowest clean
 
 INSTALL := .ci/install $(BIN)/python
 # By all cores, and wherever Python is told to keep nothing of the kind by itself; what does not compile is not used. Tests
@@ -57,6 +57,9 @@ pytest: $(VENV)/compiled
 test-slow: $(VENV)/compiled  ## the tests that take minutes, or show at length what others show in short
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m slow
 
+notebooks: $(VENV)/compiled  ## the six notebooks of docs/gallery.md, from the first cell to the last: five minutes
+	$(BIN)/python -m pytest -n $(JOBS) -m "slow or not slow" tests/docs/test_notebooks.py
+
 lint: $(VENV)/installed
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -66,7 +69,7 @@ docs: $(VENV)/installed  ## the documentation: build/docs/index.html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html -d build/doctrees docs build/docs
 	@echo "The documentation: build/docs/index.html"
 
-release: $(VENV)/compiled  ## golden numbers, sdist and wheel in dist/, the demo from that wheel outside the tree; uploads nothing
+release: notebooks  ## also golden numbers, sdist and wheel in dist/, the demo from that wheel outside the tree; uploads nothing
 	$(BIN)/python -m pytest -q -m slow tests/whole/test_golden.py
 	rm -rf dist
 	$(BIN)/python -m build

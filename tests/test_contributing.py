@@ -20,7 +20,9 @@ def read(path: Path) -> Any:
 
 
 def test_the_workflow_is_the_continuous_integration_of_everybody() -> None:
-    (job,) = read(ROOT / ".github" / "workflows" / "tests.yml")["jobs"].values()
+    jobs = read(ROOT / ".github" / "workflows" / "tests.yml")["jobs"]
+    assert jobs.pop("notebooks")["steps"][-1]["run"] == "make notebooks"
+    (job,) = jobs.values()
     assert [step["run"] for step in job["steps"] if "run" in step] == [".ci/run"]
     assert os.access(ROOT / ".ci" / "run", os.X_OK)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

@@ -376,6 +376,15 @@ class Links(HTMLParser):
             self.loaded += [given[key] for key in ("src", "href", "data", "srcset") if key in given]
 
 
+def test_each_name_of_the_python_interface_has_an_example() -> None:
+    stable, _ = (DOCS / "api.md").read_text(encoding="utf-8").split("## Building blocks")
+    examples = "".join(re.findall(r"^```(?:python|pycon)\n(.*?)^```", stable, re.MULTILINE | re.DOTALL))
+    listed = re.findall(r"auto(?:function|class):: ([\w.]+)\n(?:   :members: ([\w, ]+))?", stable)
+    names = {name for owner, members in listed for name in (members or owner.rpartition(".")[2]).split(", ")}
+    assert {"from_frame", "to_json", "interval_95", "open"} <= names
+    assert sorted(name for name in names - {"Fault"} if not re.search(rf"\b{name}\b", examples)) == []
+
+
 def test_docstrings_of_the_python_interface_are_well_formed() -> None:
     """Short for the whole site, which the next test builds."""
     for name in re.findall(r"auto(?:function|class):: (\S+)", (DOCS / "api.md").read_text(encoding="utf-8")):
