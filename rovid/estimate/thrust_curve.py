@@ -113,7 +113,7 @@ def fit_thrust_curve(command: FloatArray, thrust: FloatArray) -> ThrustCurveFit:
     noise = float(np.max(np.abs(rising - monotone)[near], initial=0.0))
     share = _ZERO_SHARE_NOISY if noise > 0.0 else _ZERO_SHARE_EXACT
     least = share * float(np.max(np.abs(mean)))
-    low, high = _idle(rising, max(noise, least))
+    low, high = _idle(monotone, max(noise, least))
     values, dead_zone = monotone, None
     if low <= high:
         values[low : high + 1] = 0.0

@@ -42,6 +42,16 @@ def test_noisy_bench_readings_give_a_rising_curve_with_its_dead_zone() -> None:
     assert fit.rms == pytest.approx(0.3, rel=0.25)
 
 
+def test_the_dead_zone_of_noisy_readings_lies_about_neutral() -> None:
+    rng = np.random.default_rng()
+    command = np.linspace(1100.0, 1900.0, 80)
+    beside = 0
+    for _ in range(20):
+        fit = fit_thrust_curve(command, true_thrust((command - 1493.0) / 80.0) + rng.normal(0.0, 1.0, len(command)))
+        beside += fit.dead_zone is None or not fit.dead_zone[0] < 1493.0 < fit.dead_zone[1]
+    assert beside <= 1  # a third of the draws where one reading decides
+
+
 def test_exact_readings_stay_as_they_are() -> None:
     command = np.arange(1100.0, 1901.0, 4.0)
     thrust = true_thrust((command - 1500.0) / 80.0)

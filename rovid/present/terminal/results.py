@@ -139,6 +139,8 @@ def show_bench(console: Console, fit: ThrustCurveFit, output: Path) -> None:
     if step > 1:
         print_text(console, f"every {step}th of {len(fit.command)} readings shown")
     dead_zone = " to ".join(map("{:.5g}".format, fit.dead_zone or ())) or "none"
+    if fit.dead_zone and fit.noise > 0.0:
+        dead_zone += f" (thrust up to {format_number(fit.noise, 2)} N, which the readings do not resolve)"
     least, most = (rounded(value, decimals) for value in (fit.curve.thrust.min(), fit.curve.thrust.max()))
     largest = format_number(float(np.max(np.abs(fit.residuals))), 2)
     text = f"dead zone {dead_zone}; thrust {least} to {most} N; residual {format_number(fit.rms, 2)} N rms, "
