@@ -107,9 +107,9 @@ lowest:  ## the demo with the lowest version of each dependency that pyproject.t
 	UV_RESOLUTION=lowest-direct .ci/install build/lowest/bin/python '.[app]'
 	$(MAKE) --no-print-directory demo-alone ROVID=build/lowest/bin/rovid
 
-challenge: $(VENV)/compared  ## an hour: the last open round of Name That Cause, all baselines, docs/challenge.md
+challenge: $(VENV)/compared  ## an hour: the last open round of Name That Cause, all baselines; minutes with CHALLENGE="--campaigns 1"
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check pysindy
-	$(BIN)/python -m benchmarks.challenge --page docs/challenge.md
+	$(BIN)/python -m benchmarks.challenge $(or $(CHALLENGE),--page docs/challenge.md)
 
 clean:
 	rm -rf $(VENV) demo dist build/docs build/doctrees build/release

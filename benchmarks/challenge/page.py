@@ -57,7 +57,8 @@ Round {here["round"]} was sealed on {here["sealed"]} with the SHA-256
 make challenge
 ```
 
-draws the campaigns of the last open round, runs all baselines, and writes this page.
+draws the campaigns of the last open round, runs all baselines, and writes this page. It installs what it needs
+into a clean clone. `make challenge CHALLENGE="--campaigns 1"` tries three campaigns, and writes no page.
 `python -m benchmarks.challenge.score build/challenge/round_{here["round"]} ANSWERS.json` scores other answers. It needs
 numpy and pandas, and not rovid."""
 
