@@ -38,7 +38,7 @@ def line_of(record: Record) -> str:
     )
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def aligned_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
 
     def line(cells: Sequence[str]) -> str:
@@ -179,25 +179,25 @@ def section(records: Sequence[Record], revision: str = "") -> str:
     parts = [
         "## Wide campaigns",
         introduction,
-        _table(head, rows),
+        aligned_table(head, rows),
         "\n".join(shares),
         legend,
-        _table(["no cause", "number", *OUTCOMES_NOTHING], [_counts("nothing hidden", nothing, OUTCOMES_NOTHING)])
+        aligned_table(["no cause", "number", *OUTCOMES_NOTHING], [_counts("nothing hidden", nothing, OUTCOMES_NOTHING)])
         if nothing else "",
         "### Wide campaigns by cause and kind of log",
-        _table(head, [*_grouped(visible, lambda r: r["truth"]["effect"]), *by_tau, *by_start, *by_format]),
+        aligned_table(head, [*_grouped(visible, lambda r: r["truth"]["effect"]), *by_tau, *by_start, *by_format]),
         f"No visible cause among: {', '.join(absent)}." if absent else "",
         "### Errors in wide campaigns",
         "Errors in standard errors, where the law leaves the true value defined.",
-        _table(["parameter", "number", "median", "within 1.96", "within 4", "largest"], _errors(records)),
+        aligned_table(["parameter", "number", "median", "within 1.96", "within 4", "largest"], _errors(records)),
         "### Failures in wide campaigns",
         "Seed and index of each; `python -m tools.wide FOLDER --seed S --start N` writes the campaign.",
         "\n".join(failures) or "None.",
     ]  # fmt: skip
-    return "\n\n".join(_wrapped(part) for part in parts if part)
+    return "\n\n".join(wrapped(part) for part in parts if part)
 
 
-def _wrapped(part: str) -> str:
+def wrapped(part: str) -> str:
     """A paragraph or list with lines of 116 characters; tables and headings as they are."""
     if part.startswith(("|", "#")):
         return part

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.diagnose import build_result, stated_selection
-from rovid.diagnose.algorithm import conclude
+from rovid.diagnose import algorithm, build_result, stated_selection
+from rovid.diagnose.algorithm import conclude, doubt_stand_ins
 from rovid.diagnose.build_result import _wave_finding, _without_signal, subsets
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.selection import Selection
@@ -143,6 +143,27 @@ def test_a_cause_that_the_stated_errors_leave_open_is_a_suspect(
     assert told.extended.model.effects == ()
     assert "bias_torque.torque" not in told.extended.estimate.names
     assert any("only 3.0 of the standard errors that include what the model lacks" in one for one in told.warnings)
+
+
+@pytest.mark.parametrize(("is_beaten", "lacks"), [(False, True), (True, True), (True, False)])
+def test_a_cause_that_a_formula_beats_is_a_suspect(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, *, is_beaten: bool, lacks: bool
+) -> None:
+    """A model that lacks no torque is not challenged."""
+
+    class Search:
+        def __init__(self, *_: object) -> None: ...
+
+        def rival(self) -> Any:
+            return SimpleNamespace(signals=("rate", "roll")) if is_beaten else None
+
+    monkeypatch.setattr(algorithm, "FormulaSearch", Search)
+    monkeypatch.setattr(algorithm, "lacks_torque", lambda _: lacks)
+    problem: Any = None
+    told = conclude(doubt_stand_ins(problem, replace(selection, multi_step=False)), ())
+    assert [one.effect.id for one in told.findings] == ["bias_torque"] * (not (is_beaten and lacks))
+    assert [one.effect.id for one in told.suspects] == ["bias_torque"] * (is_beaten and lacks)
+    assert any("A formula of rate and roll predicts" in one for one in told.warnings) is (is_beaten and lacks)
 
 
 def test_what_fails_without_the_dropped_cause_is_dropped_too(

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from rovid.diagnose.formulas.effect_file import effect_of, effect_source, is_possible
-from rovid.diagnose.formulas.grammar import Factor, Grammar, InnovationRegression, Product, remembered
-from rovid.effects import plugins
+from rovid.diagnose.formulas.grammar import Factor, Grammar, Product, remembered
+from rovid.diagnose.formulas.regression import InnovationRegression
+from rovid.effects import CATALOGUE, plugins
+from rovid.effects.actuator_inputs import TrialRows
 from rovid.effects.base import Body, Instant, Term
 from tests.conftest import Rovid
 
@@ -31,6 +33,8 @@ def factor(signal: str, shape: str = "linear", centre: float = 0.0) -> Factor:
         (Product((factor("thruster_torque"), factor("depth"))), "1/[depth]"),
         (Product((factor("thruster_torque", "sign"), factor("roll", "cosine"))), "N m"),
         (Product((factor("thruster_torque", "quadratic"),), memory=2.0), "1/(N m)"),
+        (Product((factor("thruster_torque", "root"),)), "(N m)^0.5"),
+        (Product((factor("rate"), factor("thruster_torque", "root_size"))), "(N m)^0.5 s/rad"),
     ],
 )
 def test_the_unit_of_a_coefficient_makes_a_product_a_torque(product: Product, unit: str) -> None:
@@ -70,6 +74,31 @@ def test_the_effect_file_computes_the_formula() -> None:
     plugins._check(replace(effect, id="mine"), ())  # noqa: SLF001 - raises where the effect is no plug-in
     assert effect.acts.fastest is not None
     assert effect.acts.fastest({"tau2": 3.0}) == pytest.approx(1.0 / 3.0)
+
+
+def test_a_lagging_torque_is_its_memory_less_itself() -> None:
+    lag = Product((factor("thruster_torque"),), memory=2.0)
+    time, torque = np.linspace(0.0, 4.0, 41), np.ones(41)
+    np.testing.assert_allclose(lag.values({"thruster_torque": torque}, time), -np.exp(-time / 2.0), atol=1e-12)
+    assert lag.text_with(", 2 s") == "(memory(thruster_torque, 2 s) - thruster_torque)"
+    acts = effect_of(effect_source((lag,), (1.0,), UNITS, name="mine", axis="yaw")).acts
+    assert isinstance(acts, Term)
+    at = Instant(0.3, 0.3, 1.0, 0.4, 10.0, 0.0, 0.0, 0.0, Body(5000.0, 3500.0, 130.0))
+    torque, derivatives = acts.evaluate(at, (0.5, 4.0), (6.0,))
+    assert (torque, *derivatives) == pytest.approx((0.5 * (6.0 - 10.0), (10.0 - 6.0) / 4.0))
+
+
+def test_a_formula_may_hold_the_thrust_of_one_thruster_and_the_time_of_the_campaign() -> None:
+    inputs = replace(plugins._inputs(CATALOGUE[0]), trials=(TrialRows(start_offset=7200.0),))  # noqa: SLF001
+    thrust = np.column_stack((np.arange(5.0), -np.arange(5.0)))
+    expected = {"thrust:b": -np.arange(5.0), "campaign_hours": 2.0 + np.arange(5.0) / 3600.0}
+    for signal, series in expected.items():
+        product = Product((factor("rate", "quadratic"), factor(signal)))
+        effect = effect_of(effect_source((product,), (1.0,), {"rate": "rad/s", signal: "N"}, name="mine", axis="yaw"))
+        assert isinstance(effect.acts, Term)
+        assert effect.needs == ()
+        assert effect.acts.surge_from_thrust is not None
+        np.testing.assert_allclose(effect.acts.surge_from_thrust(inputs, thrust, {}), series)
 
 
 def test_gains_are_those_of_least_squares() -> None:

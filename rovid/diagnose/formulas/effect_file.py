@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rovid.core.formatting import TextTemplates
-from rovid.diagnose.formulas.grammar import STATES, Product
+from rovid.diagnose.formulas.grammar import HOURS, STATES, THRUST, Factor, Product
 from rovid.effects import Effect
 from rovid.effects.actuator_inputs import SPEEDS
 
@@ -21,10 +21,19 @@ def names_of(products: Sequence[Product]) -> list[str]:
 
 
 def is_possible(products: Sequence[Product]) -> bool:
-    """Whether one effect can hold all of the ``products``: it has room for one logged signal and four parameters."""
+    """Whether one effect can hold all of the ``products``.
+
+    It has room for four parameters, and for one series of the log. A sum of products of the log alone is one series.
+    """
+    if _is_series(products):
+        return True
     logged = {product.logged for product in products if product.logged}
     uses_speed = any(SPEEDS[0] in product.signals for product in products)
     return len(logged) + uses_speed <= 1 and len(names_of(products)) <= 4
+
+
+def _is_series(products: Sequence[Product]) -> bool:
+    return len(products) > 1 and all(one.factors and one.logged == one.factors and not one.memory for one in products)
 
 
 def equation(products: Sequence[Product]) -> str:
@@ -41,7 +50,8 @@ def effect_source(
     terms, derivatives = [], []
     for k, product in enumerate(products):
         if k in place:
-            terms.append(f"p[{k}] * x[{slow.index(k)}]")
+            state = f"x[{slow.index(k)}]"
+            terms.append(f"p[{k}] * ({state} - {_code(product)})" if product.lags else f"p[{k}] * {state}")
             derivatives.append(f"({_code(product)} - x[{slow.index(k)}]) / p[{place[k]}]")
         else:
             terms.append(f"p[{k}] * {_code(product)}")
@@ -62,17 +72,20 @@ def effect_source(
         parameters.append(
             _TEXTS["memory"].format(name=f"tau{k + 1}", start=start, low=start / _RANGE, high=start * _RANGE)
         )
-    logged = next((product.logged for product in products if product.logged), ())
+    column = _series_code(next((product.logged for product in products if product.logged), ()))
+    if _is_series(products):
+        terms = [f'values["c{k}"] * {_series_code(product.factors)}' for k, product in enumerate(products, start=1)]
+        column, body = " + ".join(terms), "    return at.surge\n"
     signals = tuple(dict.fromkeys(signal for product in products for signal in product.signals))
     functions, options = "", ""
     if slow:
         functions += _TEXTS["fastest"].format(constants=", ".join(f'values["tau{k + 1}"]' for k in slow) + ", 1e9")
         options += f", states={len(slow)}, fastest=_fastest"
-    if logged:
-        code = " * ".join(factor.code(f'inputs.extras["{factor.signal}"]', "np.") for factor in logged)
-        functions += _TEXTS["signal"].format(code=code)
+    if column:
+        functions += _TEXTS["signal"].format(code=column)
         options += ", surge_from_thrust=_signal"
-    needed = tuple(s for s in signals if s not in STATES or s in SPEEDS)
+    derived = {*STATES, HOURS} - {*SPEEDS}
+    needed = tuple(s for s in signals if s not in derived and not s.startswith(THRUST))
     return _TEXTS["file"].format(
         id=name,
         title=f"formula of {' and '.join(signals) or 'a constant'}",
@@ -95,6 +108,17 @@ def effect_of(source: str) -> Effect:
     effect = names["EFFECT"]
     assert isinstance(effect, Effect)  # noqa: S101 - for mypy
     return effect
+
+
+def _series_code(factors: Sequence[Factor]) -> str:
+    return " * ".join(factor.code(_column(factor.signal), "np.") for factor in factors)
+
+
+def _column(signal: str) -> str:
+    """Code of a column of the log, of the campaign's clock, or of one thruster's thrust."""
+    if signal.startswith(THRUST):
+        return f'thrust[:, inputs.names.index("{signal.removeprefix(THRUST)}")]'
+    return "inputs.campaign_time / 3600.0" if signal == HOURS else f'inputs.extras["{signal}"]'
 
 
 def _slow(products: Sequence[Product]) -> list[int]:

@@ -1,14 +1,7 @@
-"""Grammar of formulas, and the regression of the missing torque on them.
-
-Formulas are products of functions of signals, with a coefficient whose unit makes the product a torque. The Kalman
-filter turns a torque that the model lacks into innovations, which are independent with known variances. The response of
-the innovations to each product is the regressor. It is the weak form of the regression: the test functions are the
-responses of the filter, no measured signal is differentiated, and the covariance of the smoothed missing torque is
-taken into account (de Jong 1991, equivalence of innovations and smoothed disturbances).
-"""
+"""Grammar of formulas: products of functions of signals, each with a coefficient whose unit makes it a torque."""
 
 import math
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
@@ -16,13 +9,11 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray, IntArray
-from rovid.effects import Effect, EffectParameter
-from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
-from rovid.effects.base import OnTorque, Values
-from rovid.estimate.fit_result import FitResult
+from rovid.core.array_types import FloatArray
+from rovid.effects.actuator_inputs import SPEEDS
 from rovid.jit.decorators import compiled
 from rovid.trial.preprocessing import Run, shared_channels
+from rovid.trial.vehicle import Vehicle
 
 # Name of the signal -> its code in a compiled term.
 STATES = {
@@ -33,7 +24,11 @@ STATES = {
     SPEEDS[0]: "at.surge",
     SPEEDS[1]: "at.sway",
 }
+# Signals of the campaign's clock and of single thrusters -> their code in a plug-in.
+HOURS, THRUST = "campaign_hours", "thrust:"
+_HOUR = 3600.0  # s
 _UNITS = {
+    HOURS: "h",
     "rate": "rad/s",
     "angle": "rad",
     "heading": "rad",
@@ -55,22 +50,18 @@ _SYMBOL = math.log(2.0)
 _OF_ANGLE = ("sine", "cosine", "sine_2", "cosine_2")
 _ALONE = ("linear", "quadratic", "cubic", "size", "square", "sign")
 _IN_PRODUCT = ("linear", "quadratic", "size", "square", "sign")
-# Products whose responses are computed at once.
-_AT_ONCE = 32
-# Size of a torque in the RMS torque in use, for the difference quotient.
-_SIZE = 0.01
-# Least share of its information that is left to a product next to the model's parameters; with less, the linearisation
-# misleads.
-_LEAST_SHARE = 1e-3
+# Of a thrust also its root, as a propeller's speed. Shapes of a single thruster's thrust, and of pairs of these.
+_OF_THRUST = ("root", "root_size")
+_OF_THRUSTER = ("linear", "size", "quadratic", "root")
 
 
 class Shape(NamedTuple):
     """A function of one signal."""
 
-    text: str  #: Python code: x is the signal, m the prefix of the functions of a module, s the scale of a sign.
-    power: int  #: Power of the signal's unit.
+    text: str  #: Python code: x is the signal, m the prefix of the functions of a module, s the scale near zero.
+    power: float  #: Power of the signal's unit.
     symbols: int  #: Length of its code.
-    function: Callable[[FloatArray, float], FloatArray]  #: (values, scale of a sign) -> values.
+    function: Callable[[FloatArray, float], FloatArray]  #: (values, scale near zero) -> values.
 
 
 SHAPES = {
@@ -79,6 +70,8 @@ SHAPES = {
     "cubic": Shape("{x}*{x}*{x}", 3, 3, lambda x, _: x**3),
     "size": Shape("abs({x})", 1, 2, lambda x, _: np.abs(x)),
     "square": Shape("{x}*{x}", 2, 2, lambda x, _: x * x),
+    "root": Shape("{x}/{m}sqrt(abs({x}) + {s})", 0.5, 2, lambda x, s: x / np.sqrt(np.abs(x) + s)),
+    "root_size": Shape("{m}sqrt(abs({x}) + {s})", 0.5, 2, lambda x, s: np.sqrt(np.abs(x) + s)),
     "sign": Shape("{m}tanh({x}/{s})", 0, 2, lambda x, s: np.tanh(x / s)),
     "sine": Shape("{m}sin({x})", 0, 2, lambda x, _: np.sin(x)),
     "cosine": Shape("{m}cos({x})", 0, 2, lambda x, _: np.cos(x)),
@@ -93,7 +86,7 @@ class Factor:
 
     signal: str
     shape: str
-    scale: float  #: Value of the signal, less its centre, at which a smooth sign reaches 76 %.
+    scale: float  #: Value of the signal, less its centre, at which a smooth sign reaches 76 %, and a root begins.
     centre: float = 0.0  #: Value that is subtracted from the signal.
 
     def code(self, signal: str, module: str = "") -> str:
@@ -108,10 +101,20 @@ class Factor:
 
 @dataclass(frozen=True)
 class Product:
-    """A product of one or two factors, perhaps after a first-order memory; without factors it is 1."""
+    """A product of one or two factors, perhaps after a first-order memory; without factors it is 1.
+
+    The memory of the thruster torque is less the torque: with a coefficient of 1 the torque lags.
+    """
 
     factors: tuple[Factor, ...]
     memory: float = 0.0  #: Time constant in s of the memory; 0 for none.
+
+    @property
+    def lags(self) -> bool:
+        """Whether the product is a memory of the thruster torque less the torque itself."""
+        return self.memory > 0.0 and [(one.signal, one.shape) for one in self.factors] == [
+            ("thruster_torque", "linear")
+        ]
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -131,8 +134,15 @@ class Product:
     @property
     def text(self) -> str:
         """The product in a formula; ``memory(…)`` is the output of a first-order low-pass filter."""
+        return self.text_with("")
+
+    def text_with(self, constant: str) -> str:
+        """The product in a formula, with the time constant of its memory as a text."""
         text = "*".join(factor.code(factor.signal) for factor in self.factors) or "1"
-        return f"memory({text})" if self.memory else text
+        if not self.memory:
+            return text
+        text, whole = f"memory({text}{constant})", text
+        return f"({text} - {whole})" if self.lags else text
 
     def with_memory(self, constant: float) -> Self:
         """The product after a memory with another time constant in s."""
@@ -140,7 +150,7 @@ class Product:
 
     def unit_of_coefficient(self, units: Mapping[str, str]) -> str:
         """Unit of the coefficient that makes the product a torque in N m."""
-        powers = Counter({"N m": -1})
+        powers: dict[str, float] = defaultdict(float, {"N m": -1.0})
         for factor in self.factors:
             above, _, below = units[factor.signal].partition("/")
             powers[above] += SHAPES[factor.shape].power
@@ -162,7 +172,7 @@ class Product:
         found = np.nan_to_num(found)
         if not self.memory:
             return found
-        return remembered(time, found, self.memory)
+        return remembered(time, found, self.memory) - found * self.lags
 
 
 @compiled
@@ -176,8 +186,8 @@ def remembered(time: FloatArray, values: FloatArray, constant: float) -> FloatAr
     return found
 
 
-def _power(unit: str, count: int) -> str:
-    return unit if count == 1 else f"({unit})^{count}" if " " in unit else f"{unit}^{count}"
+def _power(unit: str, count: float) -> str:
+    return unit if count == 1 else f"({unit})^{count:g}" if " " in unit else f"{unit}^{count:g}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,20 +200,21 @@ class Grammar:
     units: Mapping[str, str]  #: Signal -> unit.
 
     @classmethod
-    def of(cls, runs: Sequence[Run], parts: Sequence[Run], time_constant: float) -> Self:
+    def of(cls, runs: Sequence[Run], parts: Sequence[Run], time_constant: float, vehicle: Vehicle) -> Self:
         """All products of the signals that every one of the ``runs`` holds; ``parts`` are further pieces of them."""
-        names = _signals(runs)
+        names = _signals(runs, vehicle)
         every = (*runs, *parts)
-        series = {run.trial.name: {name: _values(run, name) for name in names} for run in every}
+        series = {run.trial.name: {name: _values(run, name, vehicle) for name in names} for run in every}
         # The signal itself as a factor; less its mean where it varies little about that, as a supply voltage.
         factors = {}
         for name in names:
             values = np.concatenate([series[r.trial.name][name] for r in runs])
             mean, spread = float(np.nanmean(values)), float(np.nanstd(values))
-            centre = float(f"{mean:.3g}") if name not in STATES and abs(mean) > spread else 0.0
+            has_zero = name in STATES or name.startswith(THRUST)
+            centre = float(f"{mean:.3g}") if not has_zero and abs(mean) > spread else 0.0
             size = float(np.sqrt(np.nanmean((values - centre) ** 2)))
             factors[name] = Factor(name, "linear", float(f"{_SIGN_SHARE * size:.1e}"), centre)
-        units = {name: _UNITS.get(name, f"[{name}]") for name in names}
+        units = {name: "N" if name.startswith(THRUST) else _UNITS.get(name, f"[{name}]") for name in names}
         times = {run.trial.name: run.trial.time for run in every}
         return cls(tuple(_products(factors, time_constant)), series, times, units)
 
@@ -217,21 +228,22 @@ class Grammar:
         return _SYMBOL * product.symbols + math.log(max(same, 1))
 
 
-def _signals(runs: Sequence[Run]) -> list[str]:
+def _signals(runs: Sequence[Run], vehicle: Vehicle) -> list[str]:
     """State signals, then logged ones that vary and are known to every run."""
     names = ["rate", "angle"] + ["heading"] * runs[0].trial.axis.angular
     if runs[0].trial.has_actuators:
         names.append("thruster_torque")
     found = []
-    for name in sorted(shared_channels(runs)):
-        every = np.concatenate([_values(run, name) for run in runs])
+    single = [f"{THRUST}{one.name}" for one in vehicle.thrusters if one.curve is not None]
+    for name in [*single * (len(single) > 1), *[HOURS] * (len(runs) > 1), *sorted(shared_channels(runs))]:
+        every = np.concatenate([_values(run, name, vehicle) for run in runs])
         spread, mean = float(np.nanstd(every)), float(np.abs(np.nanmean(every)))
         if np.isfinite(every).mean() > 0.5 and spread > 1e-6 * (mean + 1e-300):
             found.append(name)
     return [*names, *found]
 
 
-def _values(run: Run, name: str) -> FloatArray:
+def _values(run: Run, name: str, vehicle: Vehicle) -> FloatArray:
     """(n,) signal at the log instants: of the motion, the mean until the next instant."""
     time, trial = run.trial.time, run.trial
     centre = time + 0.5 * np.diff(time, append=time[-1])
@@ -244,6 +256,11 @@ def _values(run: Run, name: str) -> FloatArray:
         return position - (position[0] if name == "angle" else 0.0)
     if name == "thruster_torque":
         return np.asarray(run.torque)
+    if name.startswith(THRUST):
+        at = [one.name for one in vehicle.thrusters].index(name.removeprefix(THRUST))
+        return vehicle.thrust(trial.commands)[:, at]
+    if name == HOURS:
+        return (trial.campaign_time + time) / _HOUR
     return np.asarray(trial.channels[name], dtype=float)
 
 
@@ -254,18 +271,30 @@ def _products(signals: Mapping[str, Factor], time_constant: float) -> list[Produ
     def factors(name: str, shapes: Sequence[str]) -> list[Factor]:
         return [replace(signals[name], shape=shape) for shape in shapes]
 
+    def shapes_in_product(name: str) -> Sequence[str]:
+        if name.startswith(THRUST):
+            return _OF_THRUSTER[:2]
+        return _OF_ANGLE[:2] if name == "heading" else (*_IN_PRODUCT, *_OF_THRUST[1:] * (name == "thruster_torque"))
+
     alone = [Product(())]
     for name in signals:
-        shapes = _OF_ANGLE if name == "heading" else (*_ALONE, *_OF_ANGLE[:2]) if name == "angle" else _ALONE
+        shapes: Sequence[str] = (
+            *_ALONE,
+            *_OF_ANGLE[:2] * (name == "angle"),
+            *_OF_THRUST[:1] * (name == "thruster_torque"),
+        )
+        shapes = _OF_ANGLE if name == "heading" else _OF_THRUSTER if name.startswith(THRUST) else shapes
         alone += [Product((one,)) for one in factors(name, shapes) if (name, one.shape) not in base]
     pairs = []
     for first, second in combinations(signals, 2):
         if {first, second} == {"angle", "heading"}:
             continue
+        if first.startswith(THRUST) != second.startswith(THRUST) and "rate" not in {first, second}:
+            continue
         # A logged signal takes the place of the speed ahead in the compiled term.
         if SPEEDS[0] in {first, second} and not {first, second} <= {*STATES}:
             continue
-        each = [factors(name, _OF_ANGLE[:2] if name == "heading" else _IN_PRODUCT) for name in (first, second)]
+        each = [factors(name, shapes_in_product(name)) for name in (first, second)]
         # Longer products are rare in nature, and would be half of all.
         pairs += [
             Product((one, other))
@@ -275,111 +304,8 @@ def _products(signals: Mapping[str, Factor], time_constant: float) -> list[Produ
     slow = [
         Product((one,), memory=share * time_constant)
         for name in signals
-        if name not in {"angle", "heading"}
+        if name not in {"angle", "heading", HOURS} and not name.startswith(THRUST)
         for one in factors(name, ("linear", "quadratic"))
         for share in MEMORIES
     ]
     return [*alone, *pairs, *slow]
-
-
-@dataclass(frozen=True, eq=False)
-class InnovationRegression:
-    """Normal equations of p parameters of a model and q regressors, for each of b blocks of the data."""
-
-    gradient: FloatArray  #: (b, p + q)
-    own: FloatArray  #: (b, p, p) information of the parameters.
-    cross: FloatArray  #: (b, p, q)
-    power: FloatArray  #: (b, q) information of each regressor.
-    between: FloatArray  #: (q, q) information between regressors, of all blocks.
-
-    def gains(self, weights: FloatArray | None = None) -> FloatArray:
-        """(q,) log-likelihood gain in nats of each regressor alone; ``weights`` are counts of (b,) blocks."""
-        w = np.ones(len(self.own)) if weights is None else weights
-        count = self.own.shape[1]
-        gradient, cross, power = w @ self.gradient, np.tensordot(w, self.cross, 1), w @ self.power
-        moved = np.linalg.pinv(np.tensordot(w, self.own, 1), rcond=1e-12) @ cross
-        score = gradient[count:] - moved.T @ gradient[:count]
-        left = power - np.sum(cross * moved, axis=0)
-        known = left > _LEAST_SHARE * np.maximum(power, 1e-300)
-        return np.where(known, 0.5 * score**2 / np.where(known, left, 1.0), 0.0)
-
-    def correlation(self) -> FloatArray:
-        """(q, q) correlation of the regressors next to the model's parameters; 0 for regressors without power."""
-        cross = self.cross.sum(axis=0)
-        left = self.between - cross.T @ np.linalg.pinv(self.own.sum(axis=0), rcond=1e-12) @ cross
-        size = np.sqrt(np.maximum(np.diag(left), 0.0))
-        known = np.outer(size, size) > 0.0
-        return np.where(known, left / np.where(known, np.outer(size, size), 1.0), 0.0)
-
-
-def product_effects(grammar: Grammar, products: Sequence[Product]) -> list[Effect]:
-    """Each product as an effect with the measured motion, for regression alone."""
-    return [_effect(f"product {k}", grammar.values(product)) for k, product in enumerate(products)]
-
-
-def _effect(name: str, series: Mapping[str, FloatArray]) -> Effect:
-    every = np.concatenate(list(series.values()))
-    size = max(float(np.sqrt(np.mean(every**2))), 1e-300)
-    scaled = {trial: values / size for trial, values in series.items()}
-
-    def changed(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
-        return np.asarray(torque + values["size"] * inputs.from_trials(scaled))
-
-    parameter = EffectParameter(
-        name="size", unit="N m", neutral=0.0, low=-5.0, high=5.0, initial_values=(_SIZE,), scale="torque"
-    )
-    return Effect(
-        id=name,
-        title=name,
-        parameters=(parameter,),
-        equation=name,
-        fingerprint=name,
-        experiment=name,
-        acts=OnTorque(changed),
-    )
-
-
-def regress(fitted: FitResult, effects: Sequence[Effect]) -> InnovationRegression:
-    """Normal equations of the first start of each of the ``effects`` next to a fitted model."""
-    objective, count = fitted.objective, len(fitted.x)
-    blocks = objective.masked(fitted.data.block_index)
-    number = np.unique(blocks, return_inverse=True)[1]
-    b, q = int(number.max()) + 1, len(effects)
-    gradient, power = np.zeros((b, count + q)), np.zeros((b, q))
-    own, cross, between = np.zeros((b, count, count)), np.zeros((b, count, q)), np.zeros((q, q))
-    others = [objective.with_effects((*fitted.effects, effect)) for effect in effects]
-    starts = [other.parametrization.initial_values()[0] for other in others]
-    for index, chunk in enumerate(objective.chunks):
-        centre = chunk.innovations(fitted.x)
-        sides = []
-        for first in range(0, q, _AT_ONCE):
-            some = slice(first, first + _AT_ONCE)
-            pairs = [
-                (other.chunks[index], np.concatenate((fitted.x, start)))
-                for other, start in zip(others[some], starts[some], strict=True)
-            ]
-            sides += chunk.evaluate_each(pairs)
-        pieces = zip(chunk.jacobian(fitted.x), chunk.jacobian_between(centre, sides, np.ones(q)), strict=True)
-        for mine, theirs in pieces:
-            # A model may diverge with a torque of that size: such a product explains nothing.
-            columns = np.nan_to_num(np.hstack((mine.matrix, theirs.matrix)), posinf=0.0, neginf=0.0)
-            rows = np.tile(number[mine.rows], 2)
-            between += columns[:, count:].T @ columns[:, count:]
-            for block in np.unique(rows):
-                at = rows == block
-                part, residual = columns[at], mine.residual[at]
-                gradient[block] += part.T @ residual
-                own[block] += part[:, :count].T @ part[:, :count]
-                cross[block] += part[:, :count].T @ part[:, count:]
-                power[block] += np.sum(part[:, count:] ** 2, axis=0)
-    return InnovationRegression(gradient, own, cross, power, between)
-
-
-def inclusion(found: InnovationRegression, prices: FloatArray, rng: np.random.Generator, draws: int) -> FloatArray:
-    """(draws,) index of the regressor with the largest gain less its price, in each draw of blocks with replacement."""
-    count = len(found.own)
-    chosen: list[int] = []
-    for _ in range(draws):
-        weights: IntArray = np.bincount(rng.integers(0, count, count), minlength=count)
-        chosen.append(int(np.argmax(found.gains(weights.astype(float)) - prices)))
-    return np.array(chosen)

@@ -8,7 +8,7 @@ from pathlib import Path
 from rovid.control.actuators import AutopilotLaw
 from rovid.control.design import ControllerDesign
 from rovid.diagnose.effect_trial import EffectTrial
-from rovid.diagnose.formulas.discovery import Discovery, units_of
+from rovid.diagnose.formulas.search import Discovery, units_of
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.estimate.isolability import IsolabilityMatrix
 from rovid.export.verification import Mismatch, VerifiedExport

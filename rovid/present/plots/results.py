@@ -14,7 +14,7 @@ from rovid.control.control_law import paper_runs
 from rovid.control.design import ControllerDesign
 from rovid.core.array_types import FloatArray
 from rovid.core.stats import NORMAL_95
-from rovid.diagnose.formulas.discovery import Discovery, Formula
+from rovid.diagnose.formulas.search import Discovery, Formula
 from rovid.diagnose.result import Finding
 from rovid.estimate.experiment_design import ExperimentPlan
 from rovid.present.number_format import shorten_name

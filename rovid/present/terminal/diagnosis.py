@@ -10,7 +10,7 @@ from rovid.control.design import ControllerDesign
 from rovid.core.formatting import labelled_text, plus_minus
 from rovid.diagnose import result
 from rovid.diagnose.effect_trial import EffectTrial
-from rovid.diagnose.formulas.discovery import Discovery, units_of
+from rovid.diagnose.formulas.search import Discovery, units_of
 from rovid.present import sentences
 from rovid.present.console import VERDICT_STYLES, print_labelled, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.diagnosis import all_faults

@@ -1,0 +1,130 @@
+"""Regression of the missing torque on the products of the grammar.
+
+The Kalman filter turns a torque that the model lacks into innovations, which are independent with known variances. The
+response of the innovations to each product is the regressor. It is the weak form of the regression: the test functions
+are the responses of the filter, no measured signal is differentiated, and the covariance of the smoothed missing torque
+is taken into account (de Jong 1991, equivalence of innovations and smoothed disturbances).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray, IntArray
+from rovid.diagnose.formulas.grammar import Grammar, Product
+from rovid.effects import Effect, EffectParameter
+from rovid.effects.actuator_inputs import ActuatorInputs
+from rovid.effects.base import OnTorque, Values
+from rovid.estimate.fit_result import FitResult
+
+# Products whose responses are computed at once.
+_AT_ONCE = 32
+# Size of a torque in the RMS torque in use, for the difference quotient.
+_SIZE = 0.01
+# Least share of its information that is left to a product next to the model's parameters; with less, the linearisation
+# misleads.
+_LEAST_SHARE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class InnovationRegression:
+    """Normal equations of p parameters of a model and q regressors, for each of b blocks of the data."""
+
+    gradient: FloatArray  #: (b, p + q)
+    own: FloatArray  #: (b, p, p) information of the parameters.
+    cross: FloatArray  #: (b, p, q)
+    power: FloatArray  #: (b, q) information of each regressor.
+    between: FloatArray  #: (q, q) information between regressors, of all blocks.
+
+    def gains(self, weights: FloatArray | None = None) -> FloatArray:
+        """(q,) log-likelihood gain in nats of each regressor alone; ``weights`` are counts of (b,) blocks."""
+        w = np.ones(len(self.own)) if weights is None else weights
+        count = self.own.shape[1]
+        gradient, cross, power = w @ self.gradient, np.tensordot(w, self.cross, 1), w @ self.power
+        moved = np.linalg.pinv(np.tensordot(w, self.own, 1), rcond=1e-12) @ cross
+        score = gradient[count:] - moved.T @ gradient[:count]
+        left = power - np.sum(cross * moved, axis=0)
+        known = left > _LEAST_SHARE * np.maximum(power, 1e-300)
+        return np.where(known, 0.5 * score**2 / np.where(known, left, 1.0), 0.0)
+
+    def correlation(self) -> FloatArray:
+        """(q, q) correlation of the regressors next to the model's parameters; 0 for regressors without power."""
+        cross = self.cross.sum(axis=0)
+        left = self.between - cross.T @ np.linalg.pinv(self.own.sum(axis=0), rcond=1e-12) @ cross
+        size = np.sqrt(np.maximum(np.diag(left), 0.0))
+        known = np.outer(size, size) > 0.0
+        return np.where(known, left / np.where(known, np.outer(size, size), 1.0), 0.0)
+
+
+def product_effects(grammar: Grammar, products: Sequence[Product]) -> list[Effect]:
+    """Each product as an effect with the measured motion, for regression alone."""
+    return [_effect(f"product {k}", grammar.values(product)) for k, product in enumerate(products)]
+
+
+def _effect(name: str, series: Mapping[str, FloatArray]) -> Effect:
+    every = np.concatenate(list(series.values()))
+    size = max(float(np.sqrt(np.mean(every**2))), 1e-300)
+    scaled = {trial: values / size for trial, values in series.items()}
+
+    def changed(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
+        return np.asarray(torque + values["size"] * inputs.from_trials(scaled))
+
+    parameter = EffectParameter(
+        name="size", unit="N m", neutral=0.0, low=-5.0, high=5.0, initial_values=(_SIZE,), scale="torque"
+    )
+    return Effect(
+        id=name,
+        title=name,
+        parameters=(parameter,),
+        equation=name,
+        fingerprint=name,
+        experiment=name,
+        acts=OnTorque(changed),
+    )
+
+
+def regress(fitted: FitResult, effects: Sequence[Effect]) -> InnovationRegression:
+    """Normal equations of the first start of each of the ``effects`` next to a fitted model."""
+    objective, count = fitted.objective, len(fitted.x)
+    blocks = objective.masked(fitted.data.block_index)
+    number = np.unique(blocks, return_inverse=True)[1]
+    b, q = int(number.max()) + 1, len(effects)
+    gradient, power = np.zeros((b, count + q)), np.zeros((b, q))
+    own, cross, between = np.zeros((b, count, count)), np.zeros((b, count, q)), np.zeros((q, q))
+    others = [objective.with_effects((*fitted.effects, effect)) for effect in effects]
+    starts = [other.parametrization.initial_values()[0] for other in others]
+    for index, chunk in enumerate(objective.chunks):
+        centre = chunk.innovations(fitted.x)
+        sides = []
+        for first in range(0, q, _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            pairs = [
+                (other.chunks[index], np.concatenate((fitted.x, start)))
+                for other, start in zip(others[some], starts[some], strict=True)
+            ]
+            sides += chunk.evaluate_each(pairs)
+        pieces = zip(chunk.jacobian(fitted.x), chunk.jacobian_between(centre, sides, np.ones(q)), strict=True)
+        for mine, theirs in pieces:
+            # A model may diverge with a torque of that size: such a product explains nothing.
+            columns = np.nan_to_num(np.hstack((mine.matrix, theirs.matrix)), posinf=0.0, neginf=0.0)
+            rows = np.tile(number[mine.rows], 2)
+            between += columns[:, count:].T @ columns[:, count:]
+            for block in np.unique(rows):
+                at = rows == block
+                part, residual = columns[at], mine.residual[at]
+                gradient[block] += part.T @ residual
+                own[block] += part[:, :count].T @ part[:, :count]
+                cross[block] += part[:, :count].T @ part[:, count:]
+                power[block] += np.sum(part[:, count:] ** 2, axis=0)
+    return InnovationRegression(gradient, own, cross, power, between)
+
+
+def inclusion(found: InnovationRegression, prices: FloatArray, rng: np.random.Generator, draws: int) -> FloatArray:
+    """(draws,) index of the regressor with the largest gain less its price, in each draw of blocks with replacement."""
+    count = len(found.own)
+    chosen: list[int] = []
+    for _ in range(draws):
+        weights: IntArray = np.bincount(rng.integers(0, count, count), minlength=count)
+        chosen.append(int(np.argmax(found.gains(weights.astype(float)) - prices)))
+    return np.array(chosen)
