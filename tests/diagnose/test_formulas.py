@@ -84,8 +84,8 @@ def test_a_lagging_torque_is_its_memory_less_itself() -> None:
     acts = effect_of(effect_source((lag,), (1.0,), UNITS, name="mine", axis="yaw")).acts
     assert isinstance(acts, Term)
     at = Instant(0.3, 0.3, 1.0, 0.4, 10.0, 0.0, 0.0, 0.0, Body(5000.0, 3500.0, 130.0))
-    torque, derivatives = acts.evaluate(at, (0.5, 4.0), (6.0,))
-    assert (torque, *derivatives) == pytest.approx((0.5 * (6.0 - 10.0), (10.0 - 6.0) / 4.0))
+    total, derivatives = acts.evaluate(at, (0.5, 4.0), (6.0,))
+    assert (total, *derivatives) == pytest.approx((0.5 * (6.0 - 10.0), (10.0 - 6.0) / 4.0))
 
 
 def test_a_formula_may_hold_the_thrust_of_one_thruster_and_the_time_of_the_campaign() -> None:
