@@ -65,7 +65,7 @@ class LikelihoodFit:
     limit: float  #: Upper limit of the disturbance as a share of the torque in use.
     at_limit: bool  #: Whether the likelihood grows with the disturbance at its limit.
     white: bool  #: Whether the normalised innovations are white (Ljung-Box) and without heavy tails.
-    #: ``free_run_r2``, ``simulation_r2``: R^2 of the free-running rate with this model, and with the output-error fit.
+    #: R^2 of the free-running rate with this model, and with the output-error fit of the plain model.
     free_run_r2: float
     simulation_r2: float
 

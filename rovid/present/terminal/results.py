@@ -99,8 +99,8 @@ def _show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     disturbance = estimate.assumptions.mark_number(format_number(fit.disturbance), axis.force_unit)
     size = f"disturbance {axis.force_name} {disturbance} {force_unit} with a correlation time of "
     print_text(console, f"{size}{format_number(fit.correlation_time, 2)} s; {name} noise {noise} {unit}")
-    text = f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; a fit to the free-running rate alone reaches "
-    print_text(console, f"{text}{fit.simulation_r2:.4f}")
+    text = f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; the plain model, fitted to that rate alone, "
+    print_text(console, f"{text}reaches {fit.simulation_r2:.4f}")
 
 
 def _show_decay(console: Console, decay: FreeDecay) -> None:
