@@ -31,6 +31,8 @@ from rovid.trial.vehicle import Vehicle
 
 # Probability from which both models include a suspected cause, because its absence would bias one of them.
 _LIKELY = 0.5
+# Most logs that a warning lists by name.
+_NAMED = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -216,7 +218,8 @@ def input_warnings(a: CampaignFit, b: CampaignFit) -> Iterator[str]:
         yield f"The names of the vehicles differ: {names[0]} in {a.name}, {names[1]} in {b.name}."
     shared = {source.sha256 for source in a.sources} & {source.sha256 for source in b.sources}
     if shared:
-        logs = ", ".join(source.name for source in a.sources if source.sha256 in shared)
+        names = [source.name for source in a.sources if source.sha256 in shared]
+        logs = ", ".join(names) if len(names) <= _NAMED else f"{len(names)} logs ({names[0]} and others)"
         yield f"In both campaigns: {logs}. Results of the same logs are correlated, so the errors are not valid."
 
 

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -191,6 +191,7 @@ def _change(name: str, a: Entry, b: Entry, count: int) -> PlanarChange:
     )
 
 
+_SAME_LOGS = "both campaigns have the same logs, so all differences are those of the models"
 # Parameters of the whole vehicle: the verdict is "cannot tell" if a relevant change of them is not detectable.
 _REQUIRED = ("inertia", DRAG)
 # Standard errors from neutral above which a cause acts in a campaign; a decision.
@@ -263,10 +264,12 @@ def compare(
     report("Simulating the runs of each by the model of the other …")
     both_logs = bool(a.runs and b.runs)
     cut_short = [one.name for one in (a, b) if one.diagnosis is not None and one.diagnosis.is_cut_short]
-    open_questions = (
-        *map(_cut_short, cut_short),
-        *_open_questions(changes, relevant_change, only_in_one, both_logs=both_logs),
-    )
+    questions = list(_open_questions(changes, relevant_change, only_in_one, both_logs=both_logs))
+    if changes.changes and {log.sha256 for log in a.sources} == {log.sha256 for log in b.sources} != set():
+        # No vehicle changes between two fits of the same logs.
+        changes = replace(find_changes(pair, []), detectable_changes=changes.detectable_changes)
+        questions = [_SAME_LOGS]
+    open_questions = (*map(_cut_short, cut_short), *questions)
     if changes.established:
         verdict = "changed"
     elif open_questions or changes.changes:

@@ -71,6 +71,7 @@ class Estimate:
     #: Placeholder values in the vehicle's configuration that the estimate depends on.
     assumptions: Assumptions = field(default_factory=Assumptions)
     from_prior: tuple[str, ...] = ()  #: Parameters that a prior decides, and not the data.
+    lacks_torque: bool = False  #: Whether prediction errors show a torque that the model lacks; docs/method.md, (15a).
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))

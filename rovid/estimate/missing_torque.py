@@ -107,10 +107,10 @@ def include_missing_torque(estimate: Estimate, fitted: FitResult) -> Estimate:
     if likeliest.kinds == {IMBALANCE.id}:
         example = "one thruster gives less thrust than its curve"
     reason = "The model lacks a torque: the errors of its predictions depend on the motion or on the commands."
-    if likeliest.gain <= 0.0:
+    if not (lacks_torque := likeliest.gain > 0.0):
         reason = "The model may lack a torque that these runs do not distinguish from inertia and drag."
     warning = f"{reason} For instance {example}. This may change {', '.join(reach)}. The standard errors include it."
-    return replace(wider, warnings=(*wider.warnings, warning))
+    return replace(wider, warnings=(*wider.warnings, warning), lacks_torque=lacks_torque)
 
 
 def missing_torque_covariance(fitted: FitResult) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
-from rovid.core.formatting import plus_minus, round_to_error, significant
+from rovid.core.formatting import plus_minus, round_to_error
 from rovid.core.input_files import SMALLEST
 from rovid.core.stats import chi2_sf, f_sf
 from rovid.estimate.estimate import Estimate, r_squared
@@ -277,9 +277,9 @@ def _direction_warnings(
         together = float(np.sum((residuals / balance.error) ** 2))
         p_value = f_sf(len(NAMES), spare, (together - separate) / len(NAMES) / (separate / spare))
     if p_value <= _DIFFERENT_P:
-        up, down = (fits[name].value("quadratic_drag") for name in directions)
+        up, down = (plus_minus(one.value(NAMES[0]), one.standard_error(NAMES[0])) for one in fits.values())
         yield (
-            f"The two directions differ (p = {p_value:.1g}): quadratic drag {significant(up, 4)} with the "
-            f"{axis.position_words} growing, {significant(down, 4)} with it falling. Thrust curve, a constant "
+            f"The two directions differ (p = {p_value:.1g}): quadratic drag {up} with the "
+            f"{axis.position_words} growing, {down} with it falling. Thrust curve, a constant "
             f"{axis.force_name} or the drag itself is not the same both ways."
         )

@@ -53,10 +53,10 @@ def format_number(value: float | None, form: str | int = 3) -> str:
 
 
 def unit_symbol(text: str) -> str:
-    """A unit with superscripts; empty for a dimensionless number."""
+    """A unit with superscripts, "command units" for that of a command; empty for a dimensionless number."""
     if text == "1":
         return ""
-    return _UNITS.get(text) or text.replace("^2", "²").replace("^3", "³")
+    return _UNITS.get(text) or text.replace("^2", "²").replace("^3", "³").replace("command", "command units")
 
 
 def number_with_unit(text: str, unit: str) -> str:

@@ -285,7 +285,7 @@ def cautions(diagnosis: Diagnosis, trials: Sequence[Trial], vehicle: Vehicle) ->
 
 def fit_verdict(fit: LikelihoodFit) -> tuple[str, str]:
     """Verdict on a fit in one sentence, and its kind: pass or warn."""
-    if fit.white and not fit.at_limit:
+    if fit.white and not fit.at_limit and not fit.estimate.lacks_torque:
         return "The model explains these logs: its one-step prediction errors are white.", "pass"
     return "The model misses something: run `rovid diagnose`.", "warn"
 

@@ -119,6 +119,11 @@ def test_two_files_are_compared(rovid: Rovid, tmp_path: Path) -> None:
     same = rovid("compare", "spring.toml", "spring.toml", "--json").document
     assert same["verdict"] == "same"
     assert any("a.csv" in text for text in same["warnings"])
+    # Two models of the same logs differ without a change of the vehicle.
+    stored_at(tmp_path / "other_model.toml", times(1.1, "quadratic_drag"))
+    models = rovid("compare", "spring.toml", "other_model.toml", "--json").document
+    assert (models["verdict"], models["changed"]) == ("cannot_tell", [])
+    assert "the same logs" in models["open"][0]
 
 
 def test_imprecise_parameters_leave_the_question_open(rovid: Rovid, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from scipy import signal
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
+from rovid.core.formatting import plus_minus
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.steady_drag import NAMES, fit_drag
 from rovid.estimate.steady_points import (
@@ -131,7 +132,9 @@ def test_directions_that_differ_give_a_warning() -> None:
     points = [point(r, truth(r) * (1.0 if r > 0 else 0.8), error=2e-4) for r in (-0.25, -0.2, -0.15, -0.1, -0.05)]
     points += [point(r, truth(r), error=2e-4) for r in (0.05, 0.1, 0.15, 0.2, 0.25)]
     fit = fit_drag(points)
-    assert any("two directions differ" in text for text in fit.estimate.warnings)
+    (warning,) = (text for text in fit.estimate.warnings if "two directions differ" in text)
+    for one in fit.directions.values():
+        assert plus_minus(one.value("quadratic_drag"), one.standard_error("quadratic_drag")) in warning
     assert fit.directions["up"].value("quadratic_drag") > 1.1 * fit.directions["down"].value("quadratic_drag")
 
 

@@ -81,8 +81,10 @@ def test_cautions_name_what_makes_a_diagnosis_doubtful(lagged: ReportData) -> No
 
 
 def test_a_fit_is_judged_by_its_innovations_and_its_disturbance() -> None:
-    for white, at_limit, kind in ((True, False, "pass"), (False, False, "warn"), (True, True, "warn")):
-        fit = cast("Any", SimpleNamespace(white=white, at_limit=at_limit))
+    for faults in ({}, {"white": False}, {"at_limit": True}, {"lacks_torque": True}):
+        estimate = SimpleNamespace(lacks_torque=faults.pop("lacks_torque", False))
+        fit = cast("Any", SimpleNamespace(estimate=estimate, **({"white": True, "at_limit": False} | faults)))
+        kind = "warn" if estimate.lacks_torque or faults else "pass"
         text, judged = fit_verdict(fit)
         assert judged == kind
         assert ("rovid diagnose" in text) == (kind == "warn")

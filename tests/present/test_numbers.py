@@ -20,6 +20,7 @@ from rovid.present.page.summary import summarize
 from rovid.present.report_data import ReportData
 from rovid.present.sentences import cause_title
 from rovid.present.terminal.diagnosis import show_diagnosis
+from rovid.trial.axis import AXES
 from tests.conftest import SAMPLES, Rovid, diagnosed_once
 from tests.present.conftest import study_of
 from tools.wide import draw, write_campaign
@@ -43,7 +44,7 @@ def sized(parameter: Document) -> str:
 
 def check_diagnosis(document: Document, terminal: str, page: str, stored: Document) -> None:
     """Compare the figures of a diagnosis in all places where they are shown."""
-    terminal, page = plain(terminal), plain(page)
+    terminal, page, axis = plain(terminal), plain(page), AXES[document.get("axis", "yaw")]
     for name, parameter in document["extended"]["parameters"].items():
         # The form of an effect stands between its id and the parameter.
         effect, dot, own = name.rpartition(".")
@@ -62,7 +63,7 @@ def check_diagnosis(document: Document, terminal: str, page: str, stored: Docume
         assert f"log-likelihood gain: {finding['log_likelihood_gain']:.0f} after" in terminal, effect
         assert f"gain {finding['held_out_gain']:.0f} on trials" in page, effect
         if finding["runner_up"] is not None:
-            title, gain = cause_title(finding["runner_up"]["effect"]), finding["runner_up"]["gain"]
+            title, gain = axis.reword(cause_title(finding["runner_up"]["effect"])), finding["runner_up"]["gain"]
             assert re.search(rf"by alternative causes: {re.escape(title)}[^,;]* {gain:.0f}\b", terminal), effect
             # Titles of forms follow in brackets. A dependence on a signal is no cause, and may come first.
             assert re.search(rf"{re.escape(title)}[^;]* {gain:.0f}\b", page), effect

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -84,6 +85,31 @@ def test_a_journal_gets_its_width_with_all_text_within(day: ReportData, width: s
             least = 5.0 if name == "residuals" else 6.0
             points = [float(one) for one in re.findall(r"font(?:-size)?: ([\d.]+)px", svg)]
             assert min(points) * float(width[:-2]) / 25.4 * 72.0 / float(size[3]) > least
+
+
+def test_in_one_column_no_legend_covers_a_panel_or_its_title(day: ReportData) -> None:
+    assert day.drag is not None
+    assert day.inertia is not None
+    with canvas.journal_plots("84mm"):
+        for figure in (
+            models.plot_steady_states(day.drag),
+            models.plot_inertia_methods(day.inertia, day.vehicle.rigid_body_inertia),
+            trials.plot_overview([(item, item) for item in day.simulations]),
+        ):
+            (legend,) = figure.legends
+            box = legend.get_window_extent()
+            assert box.width <= figure.bbox.width + 1.0
+            assert not any(box.y0 < panel.get_tightbbox().y1 - 1.0 for panel in figure.axes)
+
+
+def test_names_of_trials_stand_above_the_lines(day: ReportData) -> None:
+    assert day.runs is not None
+    items = residual_torques(day.runs.items, day.parameters.model(), day.vehicle)
+    course = trials.plot_residuals(items, day.runs.cutoff).axes[2]
+    highest = max(float(np.nanmax(line.get_ydata())) for line in course.get_lines() if len(line.get_ydata()) > 2)
+    lowest_name = min(text.get_window_extent().y0 for text in course.texts)
+    assert lowest_name > course.transData.transform((0.0, highest))[1]
+    assert [text.get_text().strip() for text in course.texts][:1] == [Path(items[0].run.trial.name).stem]
 
 
 def test_overview_holds_every_trial(day: ReportData) -> None:

@@ -124,7 +124,7 @@ async function choose(names) {
 
 function showLogs() {
   const several = look.logs.length > 1 ? `${look.logs.length} logs` : "One log";
-  byId("logs-found").textContent = `${several} in ${look.folder || "this folder"}: ${look.logs.slice(0, 6).map(({ name }) => name).join(", ")}${look.logs.length > 6 ? ", …" : ""}.`;
+  byId("logs-found").textContent = `${several} in ${look.folder || "this folder"}: ${look.logs.slice(0, 6).map(({ name }) => name).join(", ")}${look.logs.length > 6 ? " and others" : ""}.`;
   byId("log").replaceChildren(...look.logs.map(({ path, name }) => element("option", name, null, { value: path })));
   byId("leave-log").replaceChildren(...look.logs.map(({ name }) => element("option", name, null, { value: literally(name) })), element("option", "every log", null, { value: "*" }));
   byId("type").replaceChildren(element("option", "not one of these", null, { value: "" }), ...look.vehicles.map(({ id, name }) => element("option", name, null, { value: id })));

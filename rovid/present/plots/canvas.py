@@ -71,6 +71,8 @@ _JOURNAL_DPI, _INCH = 300.0, 25.4
 _IN_PRINT = 0.8
 # in; panels of a narrower figure stand one below another, and its legends stand above the titles, not beside them.
 _ONE_COLUMN, _LEGEND = 5.5, 0.25
+# in; around all that is drawn in a figure for a journal.
+_PADDING = 0.03
 _journal: ContextVar[float | None] = ContextVar("journal", default=None)
 
 P = ParamSpec("P")
@@ -109,6 +111,7 @@ def panel_grid(
     down: float = 0.75,
     share_x: bool = False,
     width: float = WIDTH,
+    stacked: float | None = None,
 ) -> tuple[Figure, list[list[Axes]]]:
     """A figure with rows of panels.
 
@@ -119,13 +122,15 @@ def panel_grid(
     ``across``, ``down``: Gaps between panels in inches.
     ``share_x``: One horizontal axis for all rows, labelled in the last.
     ``width``: Of the figure in inches; less in a narrow journal, whose panels stand one below another.
+    ``stacked``: Gap between these panels; by default a wide one, with room for legends.
     """
     journal = _journal.get()
     if journal is not None:
         width = min(width, journal / _INCH / _IN_PRINT)
     if width < _ONE_COLUMN and any(count > 1 for _, count in rows):
         single = [(tall, 1) for tall, count in rows for _ in range(count)]
-        margins = {"left": left, "right": right, "top": top, "bottom": bottom, "down": max(down, 0.75) + 0.3}
+        gap = max(down, 0.75) + 0.3 if stacked is None else stacked
+        margins = {"left": left, "right": right, "top": top, "bottom": bottom, "down": gap}
         figure, column = panel_grid(single, share_x=share_x, width=width, **margins)
         each = iter(row[0] for row in column)
         return figure, [[next(each) for _ in range(count)] for _, count in rows]
@@ -151,11 +156,33 @@ def panel_grid(
 
 def panel_sheet(count: int, columns: int, height: float, **margins: Any) -> tuple[Figure, list[Axes]]:
     """A figure with ``count`` panels of a ``height`` in inches, in rows of ``columns``; see `panel_grid`."""
-    figure, rows = panel_grid([(height, columns)] * -(-count // columns), **margins)
+    figure, rows = panel_grid([(height, columns)] * -(-count // columns), stacked=margins.get("down"), **margins)
     panels = list(chain(*rows))
     for panel in panels[count:]:
         panel.set_axis_off()
     return figure, panels[:count]
+
+
+def legend_above(figure: Figure, handles: Sequence[Any], labels: Sequence[str], columns: int, **where: Any) -> None:
+    """A legend above all panels, at the upper right or at ``where``; in a narrow journal with fewer columns."""
+    where = {"loc": "upper right", "borderaxespad": 0.1} | where
+    legend = figure.legend(handles, labels, ncols=columns, **where)
+    if _journal.get() is None:
+        return
+    while columns > 1 and legend.get_window_extent().width > figure.bbox.width:
+        columns -= 1
+        legend.remove()
+        legend = figure.legend(handles, labels, ncols=columns, **where)
+    titles = max(panel.get_tightbbox().y1 for panel in figure.axes)
+    overlap = (titles - legend.get_window_extent().y0) / figure.dpi
+    if overlap > 0.0:
+        # The figure grows by the rows of the legend; the panels keep their sizes.
+        width, height = figure.get_size_inches()
+        figure.set_size_inches(width, height + overlap)
+        for panel in figure.axes:
+            x, y, wide, tall = panel.get_position().bounds
+            share = height / (height + overlap)
+            panel.set_position((x, y * share, wide, tall * share))
 
 
 @report_style
@@ -181,7 +208,7 @@ def render_png(figure: Figure, of: str = "report") -> bytes:
         if journal is None:
             drawn = Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3]))
         else:
-            box, pixels = figure.get_tightbbox(canvas.get_renderer()), io.BytesIO()
+            box, pixels = figure.get_tightbbox(canvas.get_renderer()).padded(_PADDING), io.BytesIO()
             figure.savefig(pixels, bbox_inches=box, dpi=_JOURNAL_DPI * journal / _INCH / box.width)
             drawn = Image.open(pixels).convert("RGB")
     image = drawn.quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
@@ -205,7 +232,7 @@ def render_svg(figure: Figure) -> bytes:
         if (journal := _journal.get()) is None:
             canvas.print_svg(buffer, metadata=metadata)
             return buffer.getvalue()
-        figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.0, metadata=metadata)
+        figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=_PADDING, metadata=metadata)
     wide, high = map(float, re.findall(rb'(?:width|height)="([\d.]+)pt"', buffer.getvalue())[:2])
     size = f'width="{journal:g}mm" height="{journal * high / wide:.2f}mm"'.encode()
     return re.sub(rb'width="[\d.]+pt" height="[\d.]+pt"', size, buffer.getvalue(), count=1)

@@ -28,6 +28,7 @@ from rovid.present.plots.canvas import (
     ORANGE,
     PALE,
     decimate_min_max,
+    legend_above,
     panel_grid,
     panel_sheet,
     report_style,
@@ -74,14 +75,14 @@ def plot_thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
         if not vehicle.axis.angular:
             lever = f"{arm_words(vehicle.axis)[0]} {thruster.arm:.3g}"
         panel.set_title(f"{shorten_name(thruster.name, _NAME_LENGTH // columns)}, {lever}", fontsize=9)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.09, 1.0), ncols=3)
+    legend_above(figure, *panels[0].get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.09, 1.0))
     return figure
 
 
 @report_style
 def plot_steady_states(fit: DragFit) -> Figure:
     """Torque against rate with the fitted drag, its 95 % band, and the residuals."""
-    figure, ((top,), (bottom,)) = panel_grid([(3.6, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
+    figure, ((top,), (bottom,)) = panel_grid([(3.6, 1), (1.5, 1)], top=0.6, down=0.2, share_x=True)
     axis, estimate = fit.estimate.axis, fit.estimate
     rates = np.array([0.0, *(point.rate for point in (*fit.points, *fit.unsteady))])
     line = np.linspace(1.05 * rates.min(), 1.05 * rates.max(), _STEPS)
@@ -105,7 +106,7 @@ def plot_steady_states(fit: DragFit) -> Figure:
     top.set_ylabel(f"{axis.force_name}, {axis.force_unit}")
     bottom.set_ylabel(f"residual, {axis.force_unit}")
     bottom.set_xlabel(f"{axis.rate_words}, {axis.rate_unit}")
-    top.legend(loc="upper left")
+    legend_above(figure, *top.get_legend_handles_labels(), 3)
     return figure
 
 
@@ -199,7 +200,8 @@ def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None, model: tuple
     rows = [(0.5 * len(names) + 0.3, 2 if crowded else 1)]
     figure, ((whole, *more),) = panel_grid(rows, left=1.75, across=0.4, top=0.62)
     _plot_methods(whole, fit, names)
-    whole.set_yticks(range(len(names)), [_method_label(fit, name) for name in names])
+    labels = [_method_label(fit, name) for name in names]
+    whole.set_yticks(range(len(names)), labels)
     whole.set_xlim(left=0.0)
     whole.set_title("from zero")
     if rigid_body is not None:
@@ -210,10 +212,12 @@ def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None, model: tuple
             panel.axvspan(value - reach, value + reach, color=GREEN, alpha=0.25, label="the model, 95 %")
             panel.axvline(value, color=GREEN, linewidth=1.0)
     if whole.get_legend_handles_labels()[0]:
-        figure.legend(*whole.get_legend_handles_labels(), loc="upper right", borderaxespad=0.1, ncols=2)
+        legend_above(figure, *whole.get_legend_handles_labels(), 2)
     for enlarged in more:
         _plot_methods(enlarged, fit, unbiased)
-        enlarged.set_yticks(range(len(names)), [""] * len(names))
+        below = enlarged.get_position().x0 == whole.get_position().x0
+        own = [label if below and name in unbiased else "" for label, name in zip(labels, names, strict=True)]
+        enlarged.set_yticks(range(len(names)), own)
         enlarged.locator_params(axis="x", nbins=6)
         enlarged.set_title("enlarged, without the peak method" if "peak" in fit.methods else "enlarged")
     return figure
@@ -284,9 +288,7 @@ def plot_tracks(before: Sequence[PlanarTrialSimulation], after: Sequence[PlanarT
         panel.locator_params(nbins=5)
     figure.supxlabel("east, m", y=0.06 / figure.get_figheight(), fontsize=10, va="bottom")
     figure.supylabel("north, m", x=0.01, fontsize=10, ha="left")
-    figure.legend(
-        *panels[0].get_legend_handles_labels(), ncols=4, loc="upper left", bbox_to_anchor=(0.07, 1.0), borderaxespad=0.1
-    )
+    legend_above(figure, *panels[0].get_legend_handles_labels(), 4, loc="upper left", bbox_to_anchor=(0.07, 1.0))
     return figure
 
 
@@ -313,7 +315,7 @@ def plot_speeds(base: PlanarTrialSimulation, full: PlanarTrialSimulation) -> Fig
     for (panel,) in panels:
         drawn, labels = panel.get_legend_handles_labels()
         handles |= dict(zip(labels, drawn, strict=True))
-    figure.legend(list(handles.values()), list(handles), ncols=3, loc="upper right", borderaxespad=0.1)
+    legend_above(figure, list(handles.values()), list(handles), 3)
     panels[-1][0].set_xlabel("time, s")
     panels[-1][0].set_xlim(0.0, full.motion.time[-1])
     figure.align_ylabels()
@@ -343,7 +345,7 @@ def plot_missing_forces(
         panel.set_ylabel(f"{axis},\n{_FORCE_UNITS[axis]}")
         panel.locator_params(axis="y", nbins=5)
     panels[0][0].set_title(shorten_name(name, 48))
-    figure.legend(*panels[0][0].get_legend_handles_labels(), ncols=2, loc="upper right", borderaxespad=0.1)
+    legend_above(figure, *panels[0][0].get_legend_handles_labels(), 2)
     figure.align_ylabels()
     panels[-1][0].set_xlabel("time, s")
     return figure

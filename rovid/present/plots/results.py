@@ -59,7 +59,7 @@ def plot_alternatives(finding: Finding) -> Figure:
     bars = 1 + len(finding.alternatives[:ALTERNATIVES_SHOWN])
     figure, ((panel,),) = canvas.panel_grid([(0.3 * bars + 0.15, 1)], left=3.8, right=0.55)
     draw_alternatives(panel, finding)
-    figure.legend(*panel.get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
+    canvas.legend_above(figure, *panel.get_legend_handles_labels(), 4)
     return figure
 
 
@@ -75,15 +75,17 @@ def draw_alternatives(panel: Axes, finding: Finding) -> None:
         rows = [row for row, each in enumerate(statuses) if each == status]
         if rows:
             shown = [gains[row] for row in rows]
-            bars = panel.barh(rows, shown, height=0.62, color=colour, hatch=hatch, edgecolor="white", label=status)
-            panel.bar_label(bars, [f"{gain:.0f}" for gain in shown], padding=3, fontsize=9)
+            panel.barh(rows, shown, height=0.62, color=colour, hatch=hatch, edgecolor="white", label=status)
+    for row, gain in enumerate(gains):
+        right = {"xytext": (3, 0), "textcoords": "offset points", "va": "center", "fontsize": 9}
+        panel.annotate(f"{gain:.0f}", (max(gain, 0.0), row), **right)
     # Two lines: a cause in some trials lists them.
     labels = [textwrap.fill(name, _NAME_LENGTH, max_lines=2, placeholder=" …") for name in names]
     panel.set_yticks(range(len(names)), labels)
     panel.set_ylim(len(names) - 0.5, -0.5)
     panel.axvline(0.0, color=canvas.BLACK, linewidth=0.8)
     panel.margins(x=0.08)
-    panel.set_xlabel("log-likelihood gain after the parameter penalty")
+    panel.set_xlabel("log-likelihood gain after the parameter penalty", loc="right")
     panel.grid(visible=False, axis="y")
     panel.set_axisbelow(True)
 
@@ -116,7 +118,7 @@ def plot_closed_loop(steps: Mapping[str, Mapping[str, ClosedLoopRun]], bandwidth
         torque.axhline(0.0, color=canvas.BLACK, linewidth=0.8)
     for panel in panels[-1]:
         panel.set_xlabel("time, s")
-    figure.legend(*panels[0][0].get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
+    canvas.legend_above(figure, *panels[0][0].get_legend_handles_labels(), 4)
     return figure
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from itertools import cycle
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from rovid.present.plots.canvas import (
     PALE,
     POINTS,
     decimate_min_max,
+    legend_above,
     panel_grid,
     panel_sheet,
     plot_overlay,
@@ -37,10 +39,9 @@ _LONGEST_LAG = 60.0  # s
 _MEANS, _FEWEST = 16, 10
 # Percentiles of the readings that set the vertical range, so that single spikes do not flatten the rest.
 _SHOWN_PERCENTILES = (0.2, 99.8)
-# Trials with at least this share of the time are named, by so many characters at most.
-_NAMED_SHARE, _NAME_LENGTH = 0.018, 18
-_TRIAL_NAME: dict[str, Any] = {"rotation": 90, "fontsize": 6.5, "color": GREY, "va": "top", "ha": "left", "zorder": 5}
-_TRIAL_NAME |= {"bbox": {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}}
+# Names of trials: most characters; in of a character along the name, and of a name across.
+_NAME_LENGTH, _CHARACTER, _NAME_HEIGHT = 14, 0.055, 0.11
+_TRIAL_NAME: dict[str, Any] = {"rotation": 90, "fontsize": 6.5, "color": GREY, "va": "top", "ha": "left"}
 _MISSING_WIDTH, _MISSING_HEIGHT = 6.4, 2.3  # in
 _LOOKS = (("plain model", ORANGE, "--", "s"), ("extended model", BLUE, "-", "o"))
 
@@ -56,6 +57,7 @@ def plot_residuals(items: Sequence[residuals.ResidualTorque], cutoff: float) -> 
     legend = _label_residuals(drivers, items[0].run.trial.axis, "residual")
     legend.get_lines()[0].set(markersize=7, alpha=1.0)
     _plot_course(course, items, (BLUE, GREY))
+    _name_trials(course, items)
     _plot_autocorrelation(lags, items, cutoff, color=BLUE)
     _plot_spectrum(frequencies, items, cutoff, color=BLUE)
     return figure
@@ -76,6 +78,7 @@ def plot_residual_comparison(
         _plot_course(course, items, (colour,))
         _plot_autocorrelation(lags, items, cutoff, **line)
         _plot_spectrum(frequencies, items, cutoff, **line)
+    _name_trials(course, before)
     for panel, _ in drivers:
         panel.axhline(0.0, color=BLACK, linewidth=0.8)
     _label_residuals(drivers, before[0].run.trial.axis, "mean residual")
@@ -89,7 +92,7 @@ def _residual_panels(items: Sequence[residuals.ResidualTorque]) -> tuple[Figure,
     """Panels against rate and, if thrusters push, torque, each with these; panels of course, lags and frequencies."""
     rates, torques = residuals.all_rates(items), residuals.all_thruster_torques(items)
     drivers = [rates, torques] if np.any(np.nan_to_num(torques)) else [rates]
-    rows = [(2.2, len(drivers)), (1.6, 1), (1.9, 2)]
+    rows = [(2.2, len(drivers)), (2.2, 1), (1.9, 2)]
     figure, (top, *others) = panel_grid(rows, top=0.4, across=0.95)
     return figure, list(zip(top, drivers, strict=True)), [panel for row in others for panel in row]
 
@@ -122,21 +125,30 @@ def _scatter(panel: Axes, driver: FloatArray, residual: FloatArray, independent:
 def _plot_course(panel: Axes, items: Sequence[residuals.ResidualTorque], colours: Sequence[str]) -> None:
     """Residual torque of all runs one after another, in alternating colours."""
     clock, samples = 0.0, sum(len(item.residual) for item in items)
-    total = sum(float(np.ptp(item.run.rates.time)) for item in items)
     for item, colour in zip(items, cycle(colours), strict=False):
         time = clock + item.run.rates.time - item.run.rates.time[0]
         count = max(2400 * len(item.residual) // samples, 20)
         panel.plot(*decimate_min_max(time, item.residual, count), color=colour, linewidth=0.7)
-        if item.run.rates.time[-1] - item.run.rates.time[0] >= _NAMED_SHARE * total and not panel.get_label():
-            name = shorten_name(item.run.trial.name, _NAME_LENGTH)
-            panel.text(clock, 0.98, f" {name}", transform=panel.get_xaxis_transform(), **_TRIAL_NAME)
-            panel.axvline(clock, color=GREY, linewidth=0.5)
         clock = float(time[-1])
-    panel.set_label("named")
     axis = items[0].run.trial.axis
     label = f"residual {axis.force_name}, {axis.force_unit}"
     panel.set(xlabel="time, all trials one after another, s", ylabel=label)
     panel.margins(x=0.01)
+
+
+def _name_trials(panel: Axes, items: Sequence[residuals.ResidualTorque]) -> None:
+    """The beginning of each trial, and above all lines the names of those that are long enough in print."""
+    lengths = [float(np.ptp(item.run.rates.time)) for item in items]
+    box = panel.get_window_extent().transformed(panel.figure.dpi_scale_trans.inverted())
+    names = [shorten_name(Path(item.run.trial.name).stem, _NAME_LENGTH) for item in items]
+    for clock, length, name in zip(np.cumsum([0.0, *lengths]), lengths, names, strict=False):
+        if length * box.width >= _NAME_HEIGHT * sum(lengths):
+            panel.text(clock, 0.99, f" {name}", transform=panel.get_xaxis_transform(), **_TRIAL_NAME)
+            panel.axvline(clock, color=GREY, linewidth=0.5)
+    share = min(_CHARACTER * (1 + max(map(len, names))) / box.height, 0.8)
+    low, high = panel.get_ylim()
+    panel.set_yticks([tick for tick in panel.get_yticks() if low <= tick <= high])
+    panel.set_ylim(low, high + (high - low) * share / (1.0 - share))
 
 
 def _plot_autocorrelation(panel: Axes, items: Sequence[residuals.ResidualTorque], cutoff: float, **look: Any) -> None:
@@ -188,7 +200,7 @@ def plot_missing_torque(item: residuals.MissingTorque, axis: Axis) -> Figure:
     margin = 0.08 * (high - low)
     panel.set_ylim(low - margin, high + margin)
     panel.set(xlabel=item.driver, ylabel=f"missing {axis.force_name}, {axis.force_unit}")
-    figure.legend(*panel.get_legend_handles_labels(), ncols=3, loc="upper left", bbox_to_anchor=(0.08, 1.0))
+    legend_above(figure, *panel.get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.08, 1.0))
     return figure
 
 
@@ -230,9 +242,7 @@ def plot_before_after(
         panel.locator_params(axis="y", nbins=max(round(3.0 * height), 3))
     position.set_xlabel("time, s")
     position.set_xlim(trial.time[0], trial.time[-1])
-    figure.legend(
-        *rate.get_legend_handles_labels(), ncols=3, loc="upper left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1
-    )
+    legend_above(figure, *rate.get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.0, 1.0))
     return figure
 
 
@@ -265,7 +275,7 @@ def plot_overview(pairs: Sequence[tuple[TrialSimulation, TrialSimulation]]) -> F
     figure.supxlabel("time, s", y=0.06 / figure.get_figheight(), fontsize=10, va="bottom")
     axis = pairs[0][0].run.trial.axis
     figure.supylabel(f"{axis.rate_words}, {axis.rate_unit}", x=0.01, fontsize=10, ha="left")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=3)
+    legend_above(figure, *panels[0].get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.07, 1.0))
     return figure
 
 
@@ -294,6 +304,6 @@ def plot_trial(item: TrialSimulation) -> Figure:
     if math.isfinite(item.fit.r2):
         title += f"   R² {item.fit.r2:.4f}, fit {item.fit.fit_percent:.1f} %"
     torque.set_title(title)
-    figure.legend(*rate.get_legend_handles_labels(), ncols=2, loc="upper right", borderaxespad=0.1)
+    legend_above(figure, *rate.get_legend_handles_labels(), 2)
     position.set_xlabel("time, s")
     return figure

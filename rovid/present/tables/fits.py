@@ -235,16 +235,15 @@ def method_title(name: str) -> str:
 
 
 def method_interval(fit: InertiaFit, name: str) -> tuple[float, float] | None:
-    """95 % interval of the inertia by a method; None where its error is not known, or where the method is biased."""
+    """95 % interval of the inertia by a method's own error; None where that is not known, or the method is biased."""
     reading = fit.methods[name]
     if name == "peak" or not math.isfinite(reading.standard_error):
         return None
-    if name == fit.chosen:
-        return fit.estimate.interval("inertia")
     if name == "regression" and fit.regression is not None:
         return fit.regression.estimate.interval("inertia")
-    periods = sum(trial.cycles for trial in fit.trials)
-    degrees_of_freedom = periods - 1.0 if periods > 1 else math.inf
+    degrees_of_freedom = fit.estimate.degrees_of_freedom
+    if name != fit.chosen:
+        degrees_of_freedom = sum(trial.cycles for trial in fit.trials) - 1.0 or math.inf
     reach = t_quantile(0.975, degrees_of_freedom) * reading.standard_error
     return reading.value - reach, reading.value + reach
 

@@ -14,6 +14,7 @@ from rovid.diagnose.formulas.search import Discovery, units_of
 from rovid.present import sentences
 from rovid.present.console import VERDICT_STYLES, print_labelled, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.diagnosis import all_faults
+from rovid.present.number_format import unit_symbol
 from rovid.present.tables import diagnosis as tables
 from rovid.present.tables.fits import estimate_table
 from rovid.present.tables.trials import gains_table, runs_table
@@ -112,7 +113,7 @@ def show_finding(console: Console, finding: result.Finding) -> None:
         value = plus_minus(estimate.value(name), estimate.standard_error(name))
         guessed = "guessed " * estimate.is_placeholder(name)
         title = estimate.axis.reword(parameter.name.replace("_", " "))
-        sizes.append(f"{title} {guessed}{value} {estimate.unit(name)}".removesuffix(" 1"))
+        sizes.append(f"{title} {guessed}{value} {unit_symbol(estimate.unit(name))}".rstrip())
     console.print()
     name = sentences.cause_name(finding)
     print_labelled(console, f"{name[:1].upper()}{name[1:]}:", ", ".join(sizes))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from rovid.core.formatting import plus_minus
+from rovid.core.formatting import plus_minus, significant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import commands_by_name
 from rovid.present.console import (
@@ -116,7 +116,7 @@ def _narrowing_sentence(estimate: Estimate, before: Estimate | None) -> str:
     if not factors:
         return "The new logs narrowed no interval."
     largest_first = sorted(factors, key=lambda name: -factors[name])
-    factors_words = [f"{name} {factors[name]:.2g} times" for name in largest_first]
+    factors_words = [f"{name} {significant(factors[name], 2)} times" for name in largest_first]
     return f"The new logs narrowed the intervals: {join_words(factors_words)}."
 
 
@@ -135,7 +135,7 @@ def _parameters_table(estimate: Estimate, before: Estimate | None) -> ResultTabl
         if before is not None:
             old, factor = row["before"], row["narrower"]
             cells.append(DASH if old is None else plus_minus(old["value"], old["standard_error"]))
-            cells.append(DASH if factor is None else f"{factor:.2g} ×")
+            cells.append(DASH if factor is None else f"{significant(factor, 2)} ×")
         table.add_row(*cells)
     for name in estimate.refused:
         table.add_row(name, "not determined", estimate.unit(name), DASH)
