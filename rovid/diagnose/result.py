@@ -152,11 +152,13 @@ class Conclusion:
 
     @property
     def causes(self) -> tuple[Finding, ...]:
-        """Findings and suspects by their evidence, the best first; then by the gain on held-out trials."""
-        every, words = (*self.findings, *self.suspects), list(Evidence)
-        return tuple(
-            sorted(every, key=lambda one: (words.index(one.evidence), -one.held_out_gain, -one.standard_errors))
-        )
+        """Findings and suspects by their evidence, the best first; then suspects by probability, then by held-out gain."""
+        words, likely = list(Evidence), {id(one): -one.probability for one in self.suspects}
+
+        def rank(one: Finding) -> tuple[float, ...]:
+            return words.index(one.evidence), likely.get(id(one), -1.0), -one.held_out_gain, -one.standard_errors
+
+        return tuple(sorted((*self.findings, *self.suspects), key=rank))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
