@@ -152,7 +152,7 @@ class Conclusion:
 
     @property
     def causes(self) -> tuple[Finding, ...]:
-        """Findings and suspects by their evidence, the best first; then suspects by probability, then by held-out gain."""
+        """Findings and suspects by evidence, the best first; then suspects by probability; then by held-out gain."""
         words, likely = list(Evidence), {id(one): -one.probability for one in self.suspects}
 
         def rank(one: Finding) -> tuple[float, ...]:

@@ -171,10 +171,11 @@ def test_what_a_search_without_an_end_finds_is_likely_at_most() -> None:
 
 def test_causes_stand_in_the_order_of_their_evidence() -> None:
     weak = replace(LAG, standard_errors=3.0, held_out_gain=9000.0)
-    possible = replace(LAG, probability=0.3)
+    possible, likelier = replace(LAG, probability=0.3), replace(LAG, probability=0.4, held_out_gain=1.0)
     larger, farther = replace(LAG, held_out_gain=5000.0), replace(LAG, standard_errors=61.0)
-    diagnosis = Diagnosis(verdict="found", findings=(LAG, weak, larger, farther), suspects=(possible,))
-    assert diagnosis.causes == (larger, farther, LAG, weak, possible)
+    diagnosis = Diagnosis(verdict="found", findings=(LAG, weak, larger, farther), suspects=(likelier, possible))
+    assert possible.evidence is likelier.evidence
+    assert diagnosis.causes == (larger, farther, LAG, weak, likelier, possible)
 
 
 def test_each_word_has_one_sentence() -> None:

@@ -165,16 +165,16 @@ def panel_sheet(count: int, columns: int, height: float, **margins: Any) -> tupl
 
 def legend_above(figure: Figure, handles: Sequence[Any], labels: Sequence[str], columns: int, **where: Any) -> None:
     """A legend above all panels, at the upper right or at ``where``; in a narrow journal with fewer columns."""
-    where = {"loc": "upper right", "borderaxespad": 0.1} | where
-    legend = figure.legend(handles, labels, ncols=columns, **where)
+    place: dict[str, Any] = {"loc": "upper right", "borderaxespad": 0.1} | where
+    legend = figure.legend(handles, labels, ncols=columns, **place)
     if _journal.get() is None:
         return
     while columns > 1 and legend.get_window_extent().width > figure.bbox.width:
         columns -= 1
         legend.remove()
-        legend = figure.legend(handles, labels, ncols=columns, **where)
-    titles = max(panel.get_tightbbox().y1 for panel in figure.axes)
-    overlap = (titles - legend.get_window_extent().y0) / figure.dpi
+        legend = figure.legend(handles, labels, ncols=columns, **place)
+    drawn = [box for panel in figure.axes if (box := panel.get_tightbbox()) is not None]
+    overlap = (max(box.y1 for box in drawn) - legend.get_window_extent().y0) / figure.dpi
     if overlap > 0.0:
         # The figure grows by the rows of the legend; the panels keep their sizes.
         width, height = figure.get_size_inches()

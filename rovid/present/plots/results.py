@@ -77,8 +77,8 @@ def draw_alternatives(panel: Axes, finding: Finding) -> None:
             shown = [gains[row] for row in rows]
             panel.barh(rows, shown, height=0.62, color=colour, hatch=hatch, edgecolor="white", label=status)
     for row, gain in enumerate(gains):
-        right = {"xytext": (3, 0), "textcoords": "offset points", "va": "center", "fontsize": 9}
-        panel.annotate(f"{gain:.0f}", (max(gain, 0.0), row), **right)
+        place: dict[str, Any] = {"xytext": (3, 0), "textcoords": "offset points", "va": "center"}
+        panel.annotate(f"{gain:.0f}", (max(gain, 0.0), row), fontsize=9, **place)
     # Two lines: a cause in some trials lists them.
     labels = [textwrap.fill(name, _NAME_LENGTH, max_lines=2, placeholder=" …") for name in names]
     panel.set_yticks(range(len(names)), labels)

@@ -24,7 +24,7 @@ from rovid.present.console import (
     text_column,
 )
 from rovid.present.documents.planar import next_planar_experiment
-from rovid.present.number_format import DASH, format_number, sensor_words, unit_symbol
+from rovid.present.number_format import DASH, format_number, rounded_errors, sensor_words, unit_symbol
 from rovid.present.sentences import (
     comparison_headline,
     criterion_sentence,
@@ -208,13 +208,12 @@ def planar_held_out_table(diagnosis: PlanarDiagnosis) -> ResultTable | None:
     table = ResultTable("Error on trials that were not fitted", text_column("quantity"), *columns)
     sides = (base.held_out, extended.held_out)[: len(models)]
     for name in base.held_out.rmse:
-        cells = [format_number(side.rmse.get(name)) for side in sides]
-        floor = format_number(diagnosis.noise_floors.get(name), 2)
-        table.add_row(f"{sensor_words(name)} RMSE, {unit_symbol(SENSOR_UNITS[name])}", *cells, floor)
+        cells = rounded_errors([*(side.rmse.get(name) for side in sides), diagnosis.noise_floors.get(name)])
+        table.add_row(f"{sensor_words(name)} RMSE, {unit_symbol(SENSOR_UNITS[name])}", *cells)
     for horizon in base.held_out.heading_errors:
-        cells = [format_number(YAW.to_display(side.heading_errors.get(horizon))) for side in sides]
-        floor = format_number(YAW.to_display(diagnosis.heading_floors.get(horizon)), 2)
-        table.add_row(f"heading after {horizon:.0f} s, deg", *cells, floor)
+        errors = [*(side.heading_errors for side in sides), diagnosis.heading_floors]
+        cells = rounded_errors([YAW.to_display(each.get(horizon)) for each in errors])
+        table.add_row(f"heading after {horizon:.0f} s, deg", *cells)
     table.add_row("log-likelihood", *(format_number(side.log_likelihood, ".0f") for side in sides), "")
     return table
 
