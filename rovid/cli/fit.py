@@ -159,10 +159,10 @@ def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
     import numpy as np
 
     from rovid.estimate.thrust_curve import scale_from_lifts, scale_from_pulls
-    from rovid.trial.config import find_config, load_config
+    from rovid.trial.config import find_config, load_config_of_any_axis
     from rovid.trial.tables import PULL_COLUMNS, read_table
 
-    config, table = load_config(find_config([path])), read_table(path)
+    config, table = load_config_of_any_axis(find_config([path])), read_table(path)
     vehicle: Vehicle = config.vehicle
     columns = {
         thruster: [name for name in (signal.sources.get("csv", ""), thruster.name) if name in table.header][:1]
@@ -175,6 +175,11 @@ def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
         text = f"has the columns {', '.join(table.header)}; one of force_N, weight_N and torque_Nm, and commands "
         text += f"({', '.join(wanted)}) were expected."
         raise ConfigError(text, where=path, mend=suggestion(measured[0] if measured else "force_N", table.header))
+    if (in_torque := measured[0] == "torque_Nm") and not config.axis.angular:
+        text = f"torque_Nm is no force, and rovid.toml describes {config.axis.name}."
+        raise ConfigError(text, where=path, mend="Give force_N or weight_N.")
+    # A force is along the axis of a vehicle that moves along one, else along the thrusters.
+    along = in_torque or not config.axis.angular
     thrust = np.zeros(len(table.rows))
     for thruster, (name, *_) in ((one, found) for one, found in columns.items() if found):
         command, curve = table.numbers(name), thruster.curve
@@ -184,6 +189,6 @@ def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
             low, high = curve.command[[0, -1]]
             text = f"{name} leaves the curve of {thruster.name}, which ends at {low:g} and {high:g}."
             raise ConfigError(text, where=path, mend="Delete these rows, or extend the curve.")
-        thrust += (thruster.arm if measured[0] == "torque_Nm" else 1.0) * curve(command)
+        thrust += (thruster.arm if along else 1.0) * curve(command)
     fit = scale_from_lifts if measured[0] == "weight_N" else scale_from_pulls
     return fit(thrust, table.numbers(measured[0]), reference_error), vehicle.thrust_scale

@@ -1,5 +1,6 @@
 """rovid.toml: the vehicle, and the column or topic of each signal."""
 
+import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -136,6 +137,17 @@ def load_config(path: Path, axis: Axis = YAW) -> Config:
 def config_from(document: Mapping[str, Any], axis: Axis = YAW) -> Config:
     """Check a description with the tables of a rovid.toml, as `load_config`; a curve may be a `ThrustCurve`."""
     return _Parser(Path("description"), axis).config(document)
+
+
+def load_config_of_any_axis(path: Path) -> Config:
+    """`load_config` for yaw, or for the first axis that the file describes if it does not describe yaw."""
+    try:
+        return load_config(path)
+    except ConfigError:
+        for axis in AXES.values():
+            with contextlib.suppress(ConfigError):
+                return load_config(path, axis)
+        raise
 
 
 def load_planar_config(path: Path) -> Config:

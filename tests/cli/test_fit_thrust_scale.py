@@ -58,6 +58,28 @@ def test_a_scale_from_a_table_is_carried_into_every_fit(
     assert_one_message(mixed, "after.toml", "rests on another thrust than", "thrust_scale_error is new")
 
 
+def test_a_lift_needs_no_heading(tmp_path: Path, rovid: Rovid) -> None:
+    config = """[vehicle]
+name = "v"
+[[thrusters]]
+name = "lift"
+heave = 0.8
+curve = "curve.csv"
+command = "lift_V"
+[signals]
+time = "time_s"
+depth = { csv = "depth_m", unit = "m" }
+"""
+    (tmp_path / "rovid.toml").write_text(config)
+    (tmp_path / "curve.csv").write_text("command,thrust_N\n-5,-100\n0,0\n5,100\n")
+    table = tmp_path / "lift.txt"
+    table.write_text("lift_V,weight_N\n1,19.2\n2,38.3\n3,57.8\n4,76.7\n")
+    found = rovid("fit-thrust-scale", table, "--json").document["thrust_scale"]
+    assert abs(found["value"] - TRUE) < 3.0 * found["standard_error"]  # by the share of the thrust that lifts, 0.8
+    table.write_text("lift_V,torque_Nm\n1,19.2\n2,38.3\n3,57.8\n4,76.7\n")
+    assert_one_message(rovid("fit-thrust-scale", table), "lift.txt", "no force", "heave")
+
+
 def test_wrong_tests_are_one_message(tmp_path: Path, rovid: Rovid) -> None:
     day = tmp_path / "day"
     write_short_day(day, runs=["hold_03"])
