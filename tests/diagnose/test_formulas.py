@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ import pytest
 from rovid.diagnose.formulas.effect_file import effect_of, effect_source, is_possible
 from rovid.diagnose.formulas.grammar import Factor, Grammar, Product, remembered
 from rovid.diagnose.formulas.regression import InnovationRegression
+from rovid.diagnose.formulas.search import FormulaSearch
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import CATALOGUE, plugins
 from rovid.effects.actuator_inputs import TrialRows
 from rovid.effects.base import Body, Instant, Term
@@ -101,6 +105,31 @@ def test_a_formula_may_hold_the_thrust_of_one_thruster_and_the_time_of_the_campa
         np.testing.assert_allclose(effect.acts.surge_from_thrust(inputs, thrust, {}), series)
 
 
+def test_a_sum_of_products_of_the_log_alone_is_one_series() -> None:
+    units = {"thrust:a": "N", "thrust:b": "N", "roll": "rad"}
+    first, second = Product((factor("thrust:a"), factor("thrust:b", "size"))), Product((factor("roll", "square"),))
+    assert is_possible((first, second))
+    assert not is_possible((first, Product((factor("rate"), factor("roll")))))
+    effect = effect_of(effect_source((first, second), (1.0, 1.0), units, name="mine", axis="yaw"))
+    assert isinstance(effect.acts, Term)
+    assert effect.acts.surge_from_thrust is not None
+    thrust = np.column_stack((np.arange(5.0), -np.arange(5.0)))
+    inputs = replace(plugins._inputs(CATALOGUE[0]), extras={"roll": np.full(5, 3.0)})  # noqa: SLF001
+    series = effect.acts.surge_from_thrust(inputs, thrust, {"c1": 2.0, "c2": 0.5})
+    np.testing.assert_allclose(series, 2.0 * np.arange(5.0) ** 2 + 4.5)
+    at = Instant(0.3, 0.3, 1.0, 0.4, 0.05, 0.0, 7.0, 0.0, Body(5000.0, 3500.0, 130.0))
+    assert effect.acts.evaluate(at, (2.0, 0.5), ()) == (7.0, ())
+
+
+def test_the_file_of_two_products_is_a_plugin() -> None:
+    """Both coefficients are the size: without them the effect is zero."""
+    units = {**UNITS, "thrust:a": "N"}
+    rate, roll = Product((factor("rate", "cubic"),)), Product((factor("roll", "square"),))
+    for products in ((rate, roll), (roll, Product((factor("thrust:a", "root"),)))):
+        effect = effect_of(effect_source(products, (1.0, 1.0), units, name="mine", axis="yaw"))
+        plugins._check(effect, ())  # noqa: SLF001 - raises where the effect is no plug-in
+
+
 def test_gains_are_those_of_least_squares() -> None:
     rng = np.random.default_rng(3)
     own, regressors = rng.normal(size=(60, 2)), rng.normal(size=(60, 3))
@@ -179,3 +208,18 @@ def test_a_law_of_no_catalogue_is_found_and_its_file_is_an_effect(tmp_path: Path
 def test_without_a_hidden_law_no_formula_is_offered(tmp_path: Path, rovid: Rovid) -> None:
     write_logs(tmp_path / "logs", 0.0)
     assert rovid("discover", "logs", "--json").document["formulas"] == []
+
+
+@pytest.mark.parametrize(("lead", "is_rival"), [(-1.0, False), (THRESHOLDS.tie(50.0) - 1.0, False), (20.0, True)])
+def test_a_rival_predicts_better_than_all_causes_beyond_a_tie(
+    monkeypatch: pytest.MonkeyPatch, lead: float, *, is_rival: bool
+) -> None:
+    causes, base = SimpleNamespace(effects=("lag",)), SimpleNamespace(effects=())
+    folds = {id(causes): [SimpleNamespace(log_likelihood=70.0)], id(base): [SimpleNamespace(log_likelihood=20.0)]}
+    formula = SimpleNamespace(held_out_nats=50.0 + lead)
+    found: Any = FormulaSearch.__new__(FormulaSearch)
+    found.model, found.problem = causes, SimpleNamespace(innovations=SimpleNamespace(base=base))
+    monkeypatch.setattr(found, "_selection", lambda _: SimpleNamespace(folds=lambda model: folds[id(model)]))
+    monkeypatch.setattr(found, "_candidates", lambda _, __, longest: [None] if longest == 1 else [])
+    monkeypatch.setattr(found, "_validated", lambda _: formula)
+    assert found.rival() is (formula if is_rival else None)

@@ -75,7 +75,9 @@ def effect_source(
     column = _series_code(next((product.logged for product in products if product.logged), ()))
     if _is_series(products):
         terms = [f'values["c{k}"] * {_series_code(product.factors)}' for k, product in enumerate(products, start=1)]
-        column, body = " + ".join(terms), "    return at.surge\n"
+        column = " + ".join(terms)
+        # The series itself is zero without coefficients; an instant that does not come from it may have any value.
+        body = "    return at.surge if p[0] != 0.0 or p[1] != 0.0 else 0.0\n"
     signals = tuple(dict.fromkeys(signal for product in products for signal in product.signals))
     functions, options = "", ""
     if slow:
@@ -97,6 +99,7 @@ def effect_source(
         equation=equation(products),
         signals=" or ".join(signals) or "the constant",
         needs=needed,
+        count=max(len(products), 1),
         options=options,
     )
 

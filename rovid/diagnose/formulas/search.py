@@ -159,10 +159,13 @@ class FormulaSearch:
         return Discovery(formulas=tuple(formulas), causes=causes, grammar=self.grammar, warnings=warnings)
 
     def rival(self) -> Formula | None:
-        """A formula that predicts trials that were not fitted better than all causes together, beyond a tie."""
-        base = self.problem.innovations.base
-        for one in self._candidates(base, _RIVALS):
-            formula, own = self._validated(one), self._selection(self.model)
+        """A formula that predicts trials that were not fitted better than all causes together, beyond a tie.
+
+        It has as many products as there are causes at most: a longer one may hold a cause that acts, and a further law.
+        """
+        base, own = self.problem.innovations.base, self._selection(self.model)
+        for one in self._candidates(base, _RIVALS, longest=len(self.model.effects)):
+            formula = self._validated(one)
             least = held_out_log_likelihood(own.folds(self.model)) - held_out_log_likelihood(own.folds(base))
             if formula is not None and formula.held_out_nats >= least + THRESHOLDS.tie(least):
                 return formula
@@ -177,7 +180,7 @@ class FormulaSearch:
     def _gain(self, one: _Candidate) -> float:
         return one.without.value - one.fitted.value
 
-    def _candidates(self, context: FitResult, count: int = _FITTED) -> Iterator[_Candidate]:
+    def _candidates(self, context: FitResult, count: int = _FITTED, longest: int = 2) -> Iterator[_Candidate]:
         """Fitted formulas next to one model whose gain pays for them, of the ``count`` best products."""
         self.report("Regressing the missing torque on products of signals …")
         products = [product for product in self.grammar.products if is_possible([product])]
@@ -201,7 +204,8 @@ class FormulaSearch:
             one = self._fitted(context, (products[k],), share)
             if is_plausible(one.fitted) and one.score >= bic_score(context) + least:
                 singles.append(one)
-        for one in map(self._extended, sorted(singles, key=lambda one: -one.score)[:_MOST]):
+        best = sorted(singles, key=lambda one: -one.score)[:_MOST]
+        for one in best if longest < 2 else map(self._extended, best):
             if one.score >= bic_score(self.model) + THRESHOLDS.bic_margin:
                 yield one
 
