@@ -84,6 +84,10 @@ class FreeMotion:
         edges = np.flatnonzero(np.diff(free, prepend=False, append=False))
         return [self._stretch(run, self.model, *pair) for pair in edges.reshape(-1, 2).tolist()]
 
+    def is_free(self, run: Run) -> BoolArray:
+        """(m,) where no actuator pushes."""
+        return self._free[id(run)]
+
     def _without_thrust(self, run: Run) -> BoolArray:
         pairs = zip(self.vehicle.thrusters, run.trial.commands.T, strict=True)
         torques = np.array([np.abs(thruster.torque(command)) for thruster, command in pairs])
@@ -131,9 +135,8 @@ def free_motion(runs: tuple[Run, ...], vehicle: Vehicle) -> FreeMotion:
 
 def _unexplained(run: Run, model: QuickModel) -> FloatArray:
     """(m,) torque that the model leaves unexplained, through its time constant, about the median; 0 where unknown."""
-    rate, torque = run.rates.rate, run.filtered_torque
-    known = np.column_stack((run.rates.acceleration, np.abs(rate) * rate, rate)) @ model.values - torque
     valid = run.valid
+    known = moving_torque(run, model) - run.filtered_torque
     if not valid.any():
         return np.zeros(len(valid))
     centred = known - np.median(known[valid]), run.rates.position - np.mean(run.rates.position[valid])
@@ -141,6 +144,18 @@ def _unexplained(run: Run, model: QuickModel) -> FloatArray:
         first_order(np.where(valid, each, 0.0), model.time_constant, run.rates.kernel.period) for each in centred
     )
     return _without_spring(unexplained, turned, valid)
+
+
+def moving_torque(run: Run, model: QuickModel) -> FloatArray:
+    """(m,) torque that moves the vehicle by ``model``; NaN where unknown."""
+    rate = run.rates.rate
+    return np.asarray(np.column_stack((run.rates.acceleration, np.abs(rate) * rate, rate)) @ model.values)
+
+
+def neutral_torque(data: RunsData, run: Run, stretch: tuple[float, float]) -> bool:
+    """Whether no actuator pushes in a ``stretch`` of ``run``, in s."""
+    inside = (run.rates.time > stretch[0]) & (run.rates.time < stretch[1])
+    return bool(free_motion(tuple(data.runs), data.vehicle).is_free(run)[inside].all())
 
 
 def _without_spring(torque: FloatArray, turned: FloatArray, valid: BoolArray) -> FloatArray:

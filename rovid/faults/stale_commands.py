@@ -1,18 +1,26 @@
-"""Commands that end before the log, or are silent for many of their usual intervals.
+"""Commands that end before the log, are silent for many of their usual intervals, or repeat their last value.
 
 The last command is known for one usual interval. After it the vehicle may have got any command, or none. Commands that
 are published only on change are silent while they stay the same; that is no fault. They are recognised by their
 intervals, which are irregular, and by their values, which never repeat.
+
+A logger that repeats the last value shows constant commands, as a hold does. Under a constant torque the vehicle
+settles. Commands are frozen where they stand still for longer than elsewhere in the log, while the model of all other
+data leaves a torque unexplained that moves the vehicle both ways, by far more than in any other stretch of this length.
 """
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import CommandData, Detection, Detectors
+from rovid.faults.base import CommandData, Detection, Detectors, RunsData
+from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, log_name
+from rovid.faults.several_releases import cut_out, log_starts, moving_torque, neutral_torque
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import Run
 from rovid.trial.segments import subsampled_median
 
 _MIN_COMMANDS = 10
@@ -27,6 +35,18 @@ _REPEATED = 0.05
 _NEUTRAL = 0.02
 # Share of a silence in which motion must have been measured: in a pause of the whole log, no command is missing.
 _MIN_MEASURED = 0.5
+# Frozen commands stand still for this many times as long as any other commands of the log, but for as many freezes as
+# this, and for this many time constants: a hold settles within them.
+_LONGER, _MOST_FREEZES, _SETTLED = 1.5, 3, 1.0
+# Standard deviation of the unexplained torque of a stretch: over the largest of at least so many other stretches of the
+# same length (1.1 at most in 40 undamaged campaigns, most of them in hard water), over that of the torque that moves
+# the vehicle elsewhere in the log, and share of the latter that the model may leave unexplained there.
+_EXCESS, _MIN_STRETCHES, _MOVES, _UNEXPLAINED = 2.0, 4, 0.3, 0.5
+# Least number of times that the unexplained torque passes from one side of its mean to the other, by half a standard
+# deviation on each side: a thruster that fails in a hold changes the torque once.
+_PASSES, _SIDE = 2, 0.5
+# Time constant of the low pass of the unexplained torque, which suppresses noise, in lengths of the stretch at most.
+_SMOOTHED = 0.05
 
 
 def _detect(data: CommandData) -> Iterator[Detection[CommandData]]:
@@ -93,4 +113,97 @@ def _neutral(data: CommandData) -> float:
     return data.thruster.curve.neutral
 
 
-DETECTORS: Detectors = {"command": (_detect,)}
+def _detect_frozen(data: RunsData) -> Iterator[Detection[RunsData]]:
+    starts, first = log_starts(data.runs), fit_quick_model(data.runs, data.vehicle)
+    for run in data.runs:
+        stretches = [pair for pair in _still(run) if first and _moves(data, run, pair, first)]
+        if not stretches:
+            continue
+        # The model of all data is drawn towards frozen commands. The model of the others decides.
+        others = cut_out(data, run, stretches)
+        model = fit_quick_model(others.runs, data.vehicle)
+        stretches = [pair for pair in stretches if model and _is_driven(others, run, pair, model)]
+        if not stretches:
+            continue
+        begins = tuple(run.trial.campaign_time - starts[log_name(run)] + begin for begin, _ in stretches)
+        size = max(end - begin for begin, end in stretches)
+        more = f", and {len(stretches) - 1} times more" if len(stretches) > 1 else ""
+        text = (
+            f"{log_name(run)}: the commands repeat one value for {size:.1f} s from "
+            f"{begins[int(np.argmax(np.diff(stretches)))]:.1f} s on{more}, and the vehicle goes on manoeuvring, which "
+            "a constant torque does not explain."
+        )
+        fault = Fault(
+            fault="stale_commands", logs=(log_name(run),), at=begins, size=size, unit="s", text=text, remedy="unknown"
+        )
+        yield Detection(
+            fault=fault,
+            done="The commands are unknown there, and the log was cut.",
+            repair=partial(cut_out, run=run, intervals=stretches),
+        )
+
+
+def _still(run: Run) -> list[tuple[float, float]]:
+    """(begin, end) in s of each stretch in which a command of ``run`` stands still for longer than elsewhere."""
+    time, found = run.trial.time, set[tuple[float, float]]()
+    for column in run.trial.commands.T:
+        edges = np.concatenate(([0], np.flatnonzero(np.diff(column)) + 1, [len(time) - 1]))
+        lengths = np.diff(time[edges])
+        order = np.argsort(lengths)[::-1]
+        for count in range(min(_MOST_FREEZES, len(order) - 1), 0, -1):
+            if lengths[order[count - 1]] > _LONGER * lengths[order[count]]:
+                found |= {(float(time[edges[at]]), float(time[edges[at + 1]])) for at in order[:count].tolist()}
+                break
+    return sorted(found)
+
+
+def _moves(data: RunsData, run: Run, stretch: tuple[float, float], model: QuickModel) -> bool:
+    """Whether thrust and torques that ``model`` does not explain move the vehicle in a ``stretch`` of ``run``."""
+    if stretch[1] - stretch[0] < _SETTLED * model.time_constant or neutral_torque(data, run, stretch):
+        return False
+    inside, moving = (
+        run.valid & (run.rates.time > stretch[0]) & (run.rates.time < stretch[1]),
+        moving_torque(run, model),
+    )
+    if np.count_nonzero(inside) < _MIN_COMMANDS:
+        return False
+    return bool(np.std((moving - run.filtered_torque)[inside]) > 0.5 * _MOVES * np.std(moving[run.valid]))
+
+
+def _is_driven(others: RunsData, run: Run, stretch: tuple[float, float], model: QuickModel) -> bool:
+    """Whether torques that the ``model`` of the ``others`` does not explain move the vehicle both ways in a stretch."""
+    length = stretch[1] - stretch[0]
+    inside = run.valid & (run.rates.time > stretch[0]) & (run.rates.time < stretch[1])
+    period, tau = run.rates.kernel.period, min(model.time_constant, _SMOOTHED * length)
+    rest = _smooth((moving_torque(run, model) - run.filtered_torque)[inside], tau, period)
+    size, levels, moved, unexplained = float(np.std(rest)), list[float](), list[FloatArray](), list[FloatArray]()
+    for one in others.runs:
+        own = moving_torque(one, model)
+        parts = [_smooth(each[one.valid], tau, period) for each in (own, own - one.filtered_torque)]
+        if log_name(one) == log_name(run):
+            moved.append(parts[0])
+            unexplained.append(parts[1])
+        levels += [float(np.std(parts[1][rows])) for rows in _stretches(one.rates.time[one.valid], length)]
+    if len(levels) < _MIN_STRETCHES or not moved or size < _EXCESS * max(levels):
+        return False
+    usual, left = (float(np.std(np.concatenate(each))) for each in (moved, unexplained))
+    if size < _MOVES * usual or left > _UNEXPLAINED * usual:
+        return False
+    side = rest / (_SIDE * size)
+    return int(np.count_nonzero(np.diff(np.sign(side[np.abs(side) > 1.0])))) >= _PASSES
+
+
+def _smooth(torque: FloatArray, tau: float, period: float) -> FloatArray:
+    """(n,) ``torque`` about its mean, through a low pass."""
+    return first_order(torque - torque.mean(), tau, period) if torque.size else torque
+
+
+def _stretches(time: FloatArray, length: float) -> Iterator[slice]:
+    """Rows of stretches of a ``length`` in s that overlap by half, without those that are measured for less."""
+    starts = np.arange(time[0], time[-1] - 0.7 * length, 0.5 * length) if time.size else time
+    for first, last in np.searchsorted(time, np.stack((starts, starts + length), axis=1)).tolist():
+        if last - first > _MIN_COMMANDS and time[last - 1] - time[first] > 0.5 * length:
+            yield slice(first, last)
+
+
+DETECTORS: Detectors = {"command": (_detect,), "runs": (_detect_frozen,)}

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import CommandData
+from rovid.faults.base import CommandData, RunsData
 from rovid.faults.stale_commands import DETECTORS
 from rovid.trial.cutting import split
+from rovid.trial.preprocessing import Run
+from tests.faults.days import day
 from tests.faults.drives import drives, found
 from tests.readers.logs import read_csv
-from tests.synthetic import VEHICLE
+from tests.synthetic import LOGGED, VEHICLE
 
 MEASURED: FloatArray = np.linspace(0.0, 59.95, 1200)
 RNG = np.random.default_rng(1)
@@ -87,3 +90,29 @@ def test_what_follows_is_left_out(tmp_path: Path) -> None:
     assert len(found(trial, "stale_commands")) == 1
     (part,) = split(trial)
     assert part.duration == pytest.approx(50.0, abs=0.11)
+
+
+def _frozen(run: Run, begin: float, end: float) -> Run:
+    """``run`` whose logger repeats the command of ``begin``, a share of its length, until ``end``."""
+    time = run.trial.time / run.trial.time[-1]
+    hidden, held = (time > begin) & (time < end), run.trial.commands[np.argmax(time > begin)]
+    commands = np.where(hidden[:, np.newaxis], held, run.trial.commands)
+    trial = replace(run.trial, commands=commands)
+    torque = LOGGED.torque(trial)
+    return replace(run, trial=trial, torque=torque, filtered_torque=run.rates.filter_held(trial, torque))
+
+
+@pytest.mark.parametrize(("vehicle", "log"), [("small", "sine_0.csv"), ("large", "random.csv")])
+def test_commands_that_repeat_their_last_value(vehicle: str, log: str) -> None:
+    """The vehicle follows a sine, or random commands, that are not logged for a while. Holds are no such commands."""
+    runs = day(vehicle, 3)
+    assert not list(DETECTORS["runs"][0](RunsData(runs=runs, vehicle=LOGGED)))
+    damaged = [_frozen(run, 0.43, 0.68) if run.trial.name == log else run for run in runs]
+    (detection,) = DETECTORS["runs"][0](data := RunsData(runs=damaged, vehicle=LOGGED))
+    assert detection.fault.logs == (log,)
+    assert detection.fault.remedy == "unknown"
+    duration = next(run.trial.duration for run in runs if run.trial.name == log)
+    dwell = 2.0 * duration / 40.0  # Two random commands may be the same.
+    assert detection.fault.at == pytest.approx((0.43 * duration,), abs=dwell)
+    assert detection.fault.size == pytest.approx(0.25 * duration, abs=2.0 * dwell)
+    assert len(detection.repair(data).runs) == len(runs) + 1
