@@ -25,6 +25,7 @@ from rovid.model.simulation import simulated_rate
 from rovid.model.torque_input import TorqueInput
 from rovid.trial.axis import Axis
 from rovid.trial.preprocessing import Run
+from rovid.trial.segments import coarse_text
 
 # Slice of the drags among the unknowns: inertia, quadratic and linear drag, and those of the restoring torque.
 _DRAGS = slice(1, 3)
@@ -39,6 +40,7 @@ _PASSES, _CONVERGED = 8, 1e-4
 _MIN_MOTION = 2.0**0.5
 
 EXCITATION_ADVICE = "Run sines, steps or a pseudo-random command that change the rate."
+FINER_ADVICE = "Log it with more digits, or log the rate of a gyro too."
 # Least number of standard errors of the inertia from zero. Steady holds are compatible with any inertia.
 MIN_INERTIA_SIGMAS = 2.0
 # Shortest time constant of a first model, in sampling intervals.
@@ -72,6 +74,16 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
 
     ``min_sigmas``: Least number of standard errors of the inertia from zero.
     """
+    try:
+        return _regression(runs, min_sigmas)
+    except DataError as error:
+        # Where the readings are coarse, signs and commands are not the first suspects.
+        if coarse := coarse_text([run.trial for run in runs]):
+            raise DataError(f"inertia cannot be determined from these logs: {coarse}.", mend=FINER_ADVICE) from error
+        raise
+
+
+def _regression(runs: Sequence[Run], min_sigmas: float) -> Regression:
     torque, blocks = _torque_and_blocks(runs)
     axis = runs[0].trial.axis
     raw = _measured_regressors(runs)[np.concatenate([run.valid for run in runs])]

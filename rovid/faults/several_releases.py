@@ -25,7 +25,7 @@ from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
 from rovid.trial.rates import highest_cutoff
-from rovid.trial.segments import find_releases
+from rovid.trial.segments import find_releases, resolution
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -39,6 +39,8 @@ _AT_WORK = 0.15
 # Share of the variance of a run's unexplained torque that is proportional to the angle, from which it is a spring's: a
 # hand moves the vehicle for a while alone.
 _SPRING = 0.9
+# Swing in steps of coarse readings, to which they toggle at rest at most: one step to each side, with a margin.
+_TOGGLED = 2.5
 # Time constants, and periods of the cut-off, of rest that stay next to a test; the rest shows the trim and the
 # disturbances. At an end of a run the rates are unknown for two periods: of less rest, nothing would be known.
 _KEPT, _KEPT_PERIODS = 3.0, 10.0
@@ -105,7 +107,9 @@ class FreeMotion:
         torque[speed - np.minimum.accumulate(np.where(known, speed, np.inf)) < disturbed] = 0.0
         peak = float(torque.max(initial=0.0))
         hand = None
-        if peak > _HAND * self.level:
+        # One step of a coarse heading is a pulse of the filtered rate, of about a period of the cut-off.
+        step = 2.0 * run.rates.kernel.cutoff * resolution(run.trial.position[run.trial.measured])
+        if peak > _HAND * (self.level + step * model.inertia / tau):
             at_work = time[torque > max(_AT_WORK * peak, self.level)]
             hand = max(float(at_work[0]) - tau, float(time[0])), float(at_work[-1]) + tau
         return FreeStretch(
@@ -201,7 +205,9 @@ def _detect_decays(data: TrialData) -> Iterator[Detection[TrialData]]:
     trial = data.trial
     if trial.has_actuators or not trial.axis.self_righting:
         return
-    releases = find_releases(trial)
+    # Coarse readings toggle by one step to each side at rest.
+    toggled = _TOGGLED * resolution(trial.position[trial.measured])
+    releases = [rows for rows in find_releases(trial) if np.ptp(trial.position[rows][trial.measured[rows]]) > toggled]
     if len(releases) < 2:
         return
     spans = [(float(trial.time[rows][0]), float(trial.time[rows][-1])) for rows in releases]

@@ -12,7 +12,7 @@ from rovid.core.formatting import plus_minus, significant
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import fit_likelihood
-from rovid.estimate.output_error import fit_regression
+from rovid.estimate.output_error import FINER_ADVICE, fit_regression
 from rovid.faults.quick_model import log_parts
 from rovid.faults.thrust_unit import inertia_fault
 from rovid.preflight.clock_alignment import ClockOffsets
@@ -21,7 +21,7 @@ from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback
 from rovid.trial.axis import Axis
 from rovid.trial.fault import FaultOverrides
 from rovid.trial.preprocessing import Run, prepare
-from rovid.trial.segments import Hold, SineRun, find_holds, find_sines
+from rovid.trial.segments import Hold, SineRun, coarse_text, find_holds, find_sines
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -89,6 +89,8 @@ def advise(
     for check in () if text else thrusters:
         if text := check.text(vehicle.axis):
             found.append(Advice(kind="thruster", text=text, weight="grave" if check.is_reversed else "care"))
+    if text := coarse_text(trials):
+        found.append(Advice(kind="coarse", text=f"{FINER_ADVICE} In these logs {text}."))
     found += _saturation(runs.items, vehicle)
     found += _feedback(feedback, vehicle.axis)
     if all_read:

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import shortened_list
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -72,6 +73,11 @@ MIN_CYCLES = 2
 # A half swing this many times as large as both before was pushed. A ratio below this share of the median ratio of the
 # half swings before was held up.
 _GROWS, _CUT_SHORT = 1.1, 0.6
+# Readings that are rounded: least step in rad or m, largest distance of a step from a multiple of the smallest one in
+# units of it, and share of the steps that are as near.
+_NO_STEP, _OFF_GRID, _ON_GRID = 1e-9, 0.01, 0.99
+# Steps in rad or m, above which readings are called coarse: compasses give whole degrees. A decision.
+_COARSE = {True: np.deg2rad(1.5), False: 0.1}
 # Share of the largest tilt below which the vehicle counts as at rest.
 _AT_REST = 0.05
 _MIN_HALF_SWINGS = 4
@@ -227,6 +233,29 @@ def _fit_sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycle
     return SineRun(start=float(start), stop=float(stop), period=float(period), cycles=cycles, amplitude=amplitude)
 
 
+def resolution(values: FloatArray) -> float:
+    """Step to which (n,) ``values`` are rounded; 0 if their steps are no multiples of the smallest one."""
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > _NO_STEP]
+    counts = steps / steps.min(initial=np.inf)
+    on_grid = np.abs(counts - np.rint(counts)) < _OFF_GRID
+    return float(steps.min()) if steps.size and np.mean(on_grid) > _ON_GRID else 0.0
+
+
+def coarse_text(trials: Sequence[Trial]) -> str:
+    """Words on the trials whose position has coarse steps, without a logged rate; empty where there are none."""
+    steps = {one.name: resolution(one.position[one.measured]) for one in trials if one.rate is None}
+    coarse = {name: step for name, step in steps.items() if step > _COARSE[trials[0].axis.angular]}
+    if not coarse:
+        return ""
+    axis = trials[0].axis
+    unit, factor = axis.display_unit
+    return (
+        f"the {axis.position_words} of {shortened_list([*coarse])} is rounded to steps of "
+        f"{factor * max(coarse.values()):.3g} {unit}"
+    )
+
+
 def find_releases(trial: Trial) -> list[slice]:
     """Rows of each free swing: from a largest tilt until the swings grow again or are cut short by hand.
 
@@ -260,6 +289,16 @@ def swing_level(position: FloatArray) -> tuple[float, float]:
         return np.nan, np.nan
     level = float(np.mean(0.25 * (extremes[:-2] + 2.0 * extremes[1:-1] + extremes[2:])))
     return level, float(np.abs(extremes - level).max())
+
+
+def swing_period(trial: Trial) -> float:
+    """Median period in s of the first free swing of ``trial``; NaN without one."""
+    rows = next(iter(find_releases(trial)), slice(0))
+    known = trial.measured[rows]
+    time, position = trial.time[rows][known], trial.position[rows][known]
+    swings = _half_swings(position - np.median(position)) if len(position) else []
+    starts = time[[begin for begin, _ in swings]]
+    return float(2.0 * np.median(np.diff(starts))) if len(starts) > 1 else np.nan
 
 
 def _let_go(time: FloatArray, size: FloatArray, peak: int, end: int) -> int:

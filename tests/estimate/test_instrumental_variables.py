@@ -142,6 +142,15 @@ def test_r_squared_of_a_constant_torque_is_nan() -> None:
     assert np.isnan(fit_regression([sure]).r_squared)
 
 
+def test_a_coarse_heading_is_named_before_signs() -> None:
+    """A slow turn in steps of 20 deg shows neither inertia nor signs."""
+    log = run(clock(200.0), levels(10.0, 20, 2.0, np.random.default_rng(3)))
+    step = np.deg2rad(20.0)
+    coarse = run(log.trial.time, log.torque, noise=step * np.round(log.trial.position / step) - log.trial.position)
+    with pytest.raises(DataError, match="the heading of log is rounded to steps of 20 deg"):
+        fit_regression([coarse])
+
+
 def test_thrust_of_the_wrong_sign_is_refused() -> None:
     good = run(clock(200.0), levels(10.0, 20, 200.0, np.random.default_rng(3)))
     with pytest.raises(DataError, match="signs of yaw_arm"):

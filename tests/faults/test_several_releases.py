@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import RunsData, examine
+from rovid.faults.base import RunsData, TrialData, examine
 from rovid.faults.several_releases import DETECTORS
+from rovid.trial.axis import AXES
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run
+from rovid.trial.rates import compute_rates
+from rovid.trial.vehicle import Vehicle
 from tests.faults.days import VEHICLES, day
-from tests.synthetic import LOGGED, clock, gauss_markov, run
+from tests.synthetic import LOGGED, clock, gauss_markov, run, trial
 
 NO_OVERRIDES = FaultOverrides()
 
@@ -109,3 +112,33 @@ def test_the_log_stays_whole_if_the_user_keeps_it() -> None:
     runs = [*day("small", 2), several("small", 2, (25.0,), 1.0)]
     kept, (fault,) = examined(runs, FaultOverrides(kept={"several_releases": ("day.csv",)}))
     assert (fault.remedy, kept) == ("none", runs)
+
+
+def _rounded(one: Run, step: float) -> Run:
+    """The run with the position rounded to ``step`` rad, as some compasses give it."""
+    trial = replace(one.trial, position=step * np.round(one.trial.position / step))
+    return replace(one, trial=trial, rates=compute_rates(trial, cutoff=one.rates.kernel.cutoff))
+
+
+def test_the_steps_of_a_coarse_heading_are_no_hand() -> None:
+    """Headings in steps of 5 deg, and of 2 deg in a log where a hand turns the vehicle."""
+    runs = day("large", 4, disturbance=0.005)
+    coarse = [_rounded(one, np.deg2rad(5.0)) if one.trial.name in {"steps.csv", "random.csv"} else one for one in runs]
+    assert not examined(coarse)[1]
+    _, faults = examined([*runs, _rounded(several("large", 4, (24.0,), 1.0), np.deg2rad(2.0))])
+    assert [fault.logs for fault in faults] == [("day.csv",)]
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_rest_that_toggles_by_one_step_is_no_release(count: int) -> None:
+    """A roll in whole degrees, which toggles to both sides at the end of a decay; and a second release."""
+    time = clock(240.0, 10.0)
+    decays = [
+        np.where(time < at, size, size * np.exp(-(time - at) / 25.0) * np.cos(1.2 * (time - at)))
+        for at, size in ((5.0, 10.0), (120.0, 8.0))
+    ]
+    position = decays[0] + (np.where(time > 115.0, decays[1], 0.0) if count else 0.0)
+    released = trial(time, np.zeros(len(time)), np.deg2rad(np.round(position)))
+    released = replace(released, axis=AXES["roll"], commands=np.zeros((len(time), 0)))
+    found = list(DETECTORS["trial"][0](TrialData(trial=released, vehicle=Vehicle(name="v", thrusters=()))))
+    assert [detection.fault.size for detection in found] == ([count] if count else [])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from rovid.core.array_types import FloatArray
 from rovid.trial.numba_loops import find_constant_runs, first_order_sum
-from rovid.trial.segments import MIN_HOLD, Hold, SineRun, find_holds, find_sines
+from rovid.trial.segments import MIN_HOLD, Hold, SineRun, coarse_text, find_holds, find_sines, resolution
 from tests.synthetic import LOGGED, VEHICLE, clock, trial
 
 
@@ -158,3 +160,20 @@ def test_holds_of_a_long_sine_are_only_its_crests() -> None:
     for hold in find_holds(log, VEHICLE, VEHICLE.torque(log), CUTOFF):
         assert abs(hold.command[0]) > 1.9
         assert hold.duration < 13.0  # 2 acos(1 - 0.05/2)/w = 11.4 s
+
+
+def test_the_step_of_rounded_readings() -> None:
+    time = np.linspace(0.0, 60.0, 1201)
+    angle = 40.0 * np.sin(0.2 * time)
+    for step in (0.01, 1.0, 5.0):
+        assert resolution(np.deg2rad(step * np.round(angle / step))) == pytest.approx(np.deg2rad(step))
+    assert resolution(np.deg2rad(angle)) == 0.0
+    assert resolution(np.ones(100)) == 0.0
+
+
+def test_coarse_readings_are_named_unless_a_gyro_is_logged() -> None:
+    time = np.linspace(0.0, 60.0, 1201)
+    heading = np.deg2rad(5.0 * np.round(8.0 * np.sin(0.2 * time)))
+    coarse, fine = trial(time, time, heading, name="a.csv"), trial(time, time, np.deg2rad(np.round(time)), name="b.csv")
+    assert coarse_text([coarse, fine]) == "the heading of a.csv is rounded to steps of 5 deg"
+    assert not coarse_text([replace(coarse, rate=np.ones(len(time))), fine])
