@@ -6,6 +6,8 @@ whole campaign with less than a fiftieth of the curve: the thrust, about the squ
 
 Or some logs have the time in another unit than the others: their intervals and their durations are both about a
 thousand times longer or shorter. A log at another rate has other intervals, and not another duration by as much.
+
+Or one free decay swings much slower or faster than the others: its time is at full scale among that of a model.
 """
 
 from collections.abc import Iterator
@@ -16,8 +18,10 @@ from itertools import groupby
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.formatting import significant
 from rovid.faults.base import CampaignData, Detection, Detectors, named
 from rovid.trial.fault import Fault
+from rovid.trial.segments import swing_period
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import FAR_OUTSIDE, ThrustCurve, Thruster
 
@@ -39,6 +43,9 @@ _PULSE_RANGE, _PULSE_MIDDLE, _PULSE_HALF = (700.0, 2300.0), 1500.0, 400.0
 # which rates and durations of logs differ besides.
 _MIN_LOGS = 3
 _POWERS, _OTHER_RATE, _OTHER_DURATION = (-3, -2, -1, 1, 2, 3), 3.0, 20.0
+# Ratio of a decay's period to that of the others, which agree within the second ratio. A period of large swings is some
+# tens of percent longer or shorter by the shape of the restoring moment. Decisions.
+_OTHER_PERIOD, _SAME_PERIOD = 1.6, 1.25
 
 
 def _detect(data: CampaignData) -> Iterator[Detection[CampaignData]]:
@@ -80,6 +87,31 @@ def _detect_time(data: CampaignData) -> Iterator[Detection[CampaignData]]:
             fault = Fault(fault="unit_mismatch", logs=(logs[at],), text=text, size=factor, remedy="set_aside")
             done = "It was set aside: convert its stamps, because the unit of time in rovid.toml holds for all logs."
             yield Detection(fault=fault, done=done, repair=partial(_without, log=logs[at]))
+
+
+def _detect_periods(data: CampaignData) -> Iterator[Detection[CampaignData]]:
+    """Free decays on another time scale than most."""
+    free = [trial for trial in data.trials if not trial.has_actuators and trial.axis.self_righting]
+    periods: dict[str, float] = {}
+    for trial in free:
+        if np.isfinite(period := swing_period(trial)):
+            periods.setdefault(trial.parent or trial.name, period)
+    if len(periods) < _MIN_LOGS:
+        return
+    ratios = {log: period / float(np.median([*periods.values()])) for log, period in periods.items()}
+    odd = [log for log, ratio in ratios.items() if abs(np.log(ratio)) > np.log(_OTHER_PERIOD)]
+    usual = np.array([ratio for log, ratio in ratios.items() if log not in odd])
+    if 2 * len(odd) >= len(periods) or np.ptp(np.log(usual)) > np.log(_SAME_PERIOD):
+        return
+    for log in odd:
+        ratio = ratios[log] / float(np.mean(usual))
+        text = (
+            f"{log}: it swings with a period of {significant(periods[log], 3)} s, {significant(ratio, 3)} times that "
+            "of the other logs: its time has another scale, as that of the full-scale ship among its model's, or it is "
+            "the log of another vehicle or loading."
+        )
+        fault = Fault(fault="unit_mismatch", logs=(log,), text=text, size=ratio, remedy="set_aside")
+        yield Detection(fault=fault, done="It was set aside.", repair=partial(_without, log=log))
 
 
 def _without(data: CampaignData, log: str) -> CampaignData:
@@ -142,4 +174,4 @@ def _full(unit: str) -> float:
     return _UNITS[unit][2]
 
 
-DETECTORS: Detectors = {"campaign": (_detect_time, _detect)}
+DETECTORS: Detectors = {"campaign": (_detect_time, _detect, _detect_periods)}

@@ -101,14 +101,17 @@ def check_trials(
     more: tuple[Fault, ...] = ()
     runs: Sequence[Run] = ()
     with suppress(RovidError):  # `advise` reports logs that are too short.
-        runs = prepare(Campaign(trials=tuple(trials), sources=()), config.vehicle).items if trials else ()
+        prepared = prepare(Campaign(trials=tuple(trials), sources=()), config.vehicle) if trials else None
+        runs = prepared.items if prepared else ()
+        levels = [remark for remark in prepared.remarks if remark.kind == "level"] if prepared else []
+        checked = replace(checked, remarks=(*checked.remarks, *levels))
     if runs and (loop := find_inner_loop(runs, config)) is not None:
         return replace(checked, advice=(Advice(kind="inner_loop", text=f"{loop.error}", weight="grave"),))
     if runs and trials[0].has_actuators:
         # The trials that stay after the remedies of faults that torque and rates show.
         kept, more = examine_runs(runs, config.vehicle, config.faults)
-        prepared = {id(run.trial) for run in runs}
-        trials = [*(run.trial for run in kept), *(trial for trial in trials if id(trial) not in prepared)]
+        used = {id(run.trial) for run in runs}
+        trials = [*(run.trial for run in kept), *(trial for trial in trials if id(trial) not in used)]
     feedback = detect_feedback(trials, vehicle)
     clocks = estimate_clock_offsets(trials, config)
     thrusters = check_thrusters(trials, vehicle)

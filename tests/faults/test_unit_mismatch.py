@@ -9,11 +9,13 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
-from rovid.faults.base import CampaignData
+from rovid.faults.base import CampaignData, examine
 from rovid.faults.unit_mismatch import DETECTORS
-from rovid.trial.fault import Fault
+from rovid.trial.axis import AXES
+from rovid.trial.fault import Fault, FaultOverrides
+from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
-from tests.synthetic import trial
+from tests.synthetic import clock, trial
 
 TIME: FloatArray = np.linspace(0.0, 39.9, 400)
 SINE = np.sin(TIME)
@@ -85,3 +87,22 @@ def test_a_log_whose_time_is_in_another_unit(factor: float) -> None:
     long = trial(np.linspace(0.0, 4e4, 40_000), np.zeros(40_000), name="long")
     slow = trial(100.0 * TIME[::10], SINE[::10], name="slow")
     assert not list(detect(replace(data, trials=[*logs, long, slow])))
+
+
+def _decay(name: str, factor: float) -> Trial:
+    """Free decay in roll whose time is ``factor`` times as long."""
+    time = clock(80.0)
+    roll = 0.2 * np.exp(-time / 25.0) * np.cos(2.0 * time)
+    one = replace(trial(factor * time, np.zeros(len(time)), roll, name=name), axis=AXES["roll"])
+    return replace(one, commands=np.zeros((len(time), 0)))
+
+
+@pytest.mark.parametrize(("factor", "found"), [(8.246, True), (0.121, True), (1.2, False)])
+def test_a_decay_on_another_time_scale(factor: float, found: bool) -> None:
+    trials = [_decay("a", 1.0), _decay("b", 1.05), _decay("odd", factor)]
+    data = CampaignData(trials=trials, vehicle=Vehicle(name="v", thrusters=()))
+    kept, faults = examine(DETECTORS["campaign"], data, FaultOverrides())
+    assert [fault.logs for fault in faults] == ([("odd",)] if found else [])
+    assert [one.name for one in kept.trials] == ["a", "b"] + ["odd"] * (not found)
+    if found:
+        assert faults[0].size == pytest.approx(factor / 1.025, rel=0.03)

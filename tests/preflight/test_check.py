@@ -13,6 +13,7 @@ import pytest
 from rovid.core.errors import DataError
 from rovid.preflight.check import check_logs, drag_without_feedback
 from rovid.store.study import open_study
+from rovid.trial.axis import AXES
 from rovid.trial.config import Config, load_config
 from tests.conftest import SAMPLES, Rovid
 
@@ -247,3 +248,17 @@ def test_check_refuses_what_fit_refuses(seed: int, refused: bool, tmp_path: Path
     assert document["verdict"] == ("no_go" if refused else "care")
     if refused:
         assert f"rovid: {document['advice'][0]['text']}" == fit.err.strip()
+
+
+def test_a_decay_about_another_level_is_named(tmp_path: Path) -> None:
+    """A roll sensor with another zero in one of three logs."""
+    for source in (SAMPLES / "kvlcc2_roll_decay").iterdir():
+        if source.is_file():
+            shutil.copy(source, tmp_path)
+    log = tmp_path / "decay_21337.csv"
+    table = pd.read_csv(log)
+    table.assign(roll_rad=table["roll_rad"] + 0.05).to_csv(log, index=False)
+    found = check_logs([tmp_path], load_config(tmp_path / "rovid.toml", AXES["roll"]))
+    (remark,) = (remark for remark in found.remarks if remark.kind == "level")
+    assert remark.text.startswith("decay_21337.csv swings about 2.88 deg")
+    assert not found.faults
