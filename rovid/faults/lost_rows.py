@@ -96,17 +96,22 @@ def _common_pauses(data: ClocksData) -> Iterator[Detection[ClocksData]]:
     """Long holes that the motion and all commands have in common, in topics or files of their own."""
     if min(map(len, (data.measured, *data.commands))) < _FEWEST:
         return
-    rows = np.flatnonzero(np.diff(data.measured) > _PAUSE * subsampled_median(np.diff(data.measured)))
+    interval = subsampled_median(np.diff(data.measured))
+    rows = np.flatnonzero(np.diff(data.measured) > _PAUSE * interval)
     holes = zip(data.measured[rows].tolist(), data.measured[rows + 1].tolist(), strict=True)
-    common = tuple(hole for hole in holes if all(_is_silent(time, *hole) for time in data.commands))
+    common = tuple(hole for hole in holes if all(_is_silent(time, *hole, interval) for time in data.commands))
     if common:
         yield _pause(data.log, "nothing", float(data.measured[0]), common)
 
 
-def _is_silent(time: FloatArray, begin: float, end: float) -> bool:
-    """Whether readings at the (n,) ``time`` in s, which are regular elsewhere, are absent from ``begin`` to ``end``."""
+def _is_silent(time: FloatArray, begin: float, end: float, margin: float) -> bool:
+    """Whether readings at the (n,) ``time``, which are regular elsewhere, are absent from ``begin`` to ``end``, in s.
+
+    ``margin``: usual interval in s of the motion, within which a pause may begin and end.
+    """
     usual, longest = np.percentile(np.diff(time), (50.0, 90.0)).tolist()
-    inside = time[(time > begin + usual) & (time < end - usual)]
+    margin = max(margin, usual)
+    inside = time[(time > begin + margin) & (time < end - margin)]
     return not inside.size and longest < _REGULAR * usual and end - begin > _REGULAR * longest + 2.0 * usual
 
 

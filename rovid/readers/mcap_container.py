@@ -31,6 +31,7 @@ _FOOTER = 9 + 20 + len(MAGIC)
 _BLOCK, MAX_MESSAGE, _MAX_SUMMARY = 1 << 20, 4 << 20, 32 << 20
 # Numbers of records. The enumeration is slow where it is compared for each message.
 _MESSAGE, _DECLARATIONS = int(Opcode.MESSAGE), {int(Opcode.SCHEMA), int(Opcode.CHANNEL)}
+_OPCODES = {int(one) for one in Opcode}
 
 _HEAD = struct.Struct("<BQ")
 _HEAD_ID = struct.Struct("<BQH")
@@ -56,6 +57,9 @@ class McapFile:
     end: int = len(MAGIC)  # Bytes of the part that was read whole.
     damage: str = ""  # Why reading ended early.
     rescued: int = 0  # Number of messages taken from a cut chunk.
+    left_out: int = 0  # Bytes of damaged chunks that were left out, with readable records after them.
+    chunks: int = 0  # Number of these chunks.
+    reason: str = ""  # What is wrong with the first of them.
     taken: int = 0  # Number of messages handed over.
     missed: int = 0  # Number of further messages that the summary counts.
     too_large: dict[str, int] = field(default_factory=dict)  # Mapped topic -> bytes of a message above MAX_MESSAGE.
@@ -128,12 +132,20 @@ class McapFile:
     def _read_indexed(self, places: _Places, counts: Statistics) -> None:
         for offset, whole in places:
             opcode, length = _HEAD.unpack(self._bytes(offset, _HEAD.size))
-            if opcode != Opcode.CHUNK or _HEAD.size + length != whole:
-                raise Damage("a chunk is not where the index says")
-            self._read_chunk(offset + _HEAD.size, length)
-            self.end = offset + whole
+            try:
+                if opcode != Opcode.CHUNK or _HEAD.size + length != whole:
+                    raise Damage("a chunk is not where the index says")
+                self._read_chunk(offset + _HEAD.size, length)
+            except Damage as damage:
+                self._leave_out(whole, damage)
         self.end = self.size
-        self.missed = sum(counts.channel_message_counts.get(one, 0) for one in self.handlers) - self.taken
+        if not self.chunks:
+            self.missed = sum(counts.channel_message_counts.get(one, 0) for one in self.handlers) - self.taken
+
+    def _leave_out(self, size: int, damage: Damage) -> None:
+        self.left_out += size
+        self.chunks += 1
+        self.reason = self.reason or str(damage)
 
     def _scan(self) -> None:
         """Read record by record, up to the end mark."""
@@ -159,11 +171,23 @@ class McapFile:
             if opcode == Opcode.CHUNK:
                 try:
                     self._read_chunk(offset + _HEAD.size, length)
-                except Damage:
-                    if not self._holds_only_unmapped(after):
+                except Damage as damage:
+                    if self._holds_only_unmapped(after):
+                        continue
+                    if not self._continues(after):
                         raise
+                    self._leave_out(after - offset, damage)
             else:
                 self._take(self.file, opcode, length)
+
+    def _continues(self, offset: int) -> bool:
+        """Whether a record begins at ``offset`` and another one at its end: then the length before it was right."""
+        for _ in range(2):
+            head = self._bytes(offset, _HEAD.size)
+            if len(head) < _HEAD.size or head[0] not in _OPCODES:
+                return False
+            offset += _HEAD.size + _HEAD.unpack(head)[1]
+        return offset <= self.size
 
     def _holds_only_unmapped(self, offset: int) -> bool:
         """Whether the message indexes after a chunk name only known channels, none of them mapped."""

@@ -34,6 +34,7 @@ def read(path: Path, config: Config) -> RawLog:
         raise LogError(text, where=path, mend="Map a topic of smaller messages.")
     unread = recording.size - recording.end
     damage = f" The recording is cut: {recording.damage}, {unread} bytes were not read." if recording.damage else ""
+    damage += f" {_left_out(recording)}" if recording.chunks else ""
     return topics.result(lambda last: _damage_remarks(recording, last), damage)
 
 
@@ -58,8 +59,9 @@ def _read_messages(path: Path, make_handler: Callable[..., Handler | None], *, b
 
 
 def _damage_remarks(recording: McapFile, last: float) -> tuple[Remark, ...]:
+    lost = (Remark(kind="damaged", count=recording.left_out, text=_left_out(recording)),) if recording.chunks else ()
     if not recording.damage:
-        return ()
+        return lost
     unread = recording.size - recording.end
     text = (
         f"The recording is cut or damaged: {recording.damage}. The first {last:.1f} s were read; the last {unread} of "
@@ -67,7 +69,15 @@ def _damage_remarks(recording: McapFile, last: float) -> tuple[Remark, ...]:
     )
     if recording.rescued:
         text += f" {recording.rescued} messages were read from the damaged part."
-    return (Remark(kind="truncated", count=unread, text=text),)
+    return (*lost, Remark(kind="truncated", count=unread, text=text))
+
+
+def _left_out(recording: McapFile) -> str:
+    chunks = "A chunk is" if recording.chunks == 1 else f"{recording.chunks} chunks are"
+    return (
+        f"{chunks} damaged: {recording.reason}. The messages in these {recording.left_out} of {recording.size} bytes "
+        "are lost, and those after them were read."
+    )
 
 
 def _decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:

@@ -209,17 +209,23 @@ def chunk_places(data: bytes | bytearray) -> list[tuple[int, int]]:
     return [(at, length) for at, opcode, length in records(data) if opcode == 0x06]
 
 
+@pytest.mark.parametrize("summary", [True, False])
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_a_wrong_checksum_ends_the_reading(compression: str, tmp_path: Path) -> None:
-    data = bytearray(mcap_bytes(dive(), compression=compression, indexed=False, summary=False))
-    offset, length = chunk_places(data)[3]
+@pytest.mark.parametrize("number", [1, 3])
+def test_a_damaged_chunk_is_left_out(number: int, compression: str, summary: bool, tmp_path: Path) -> None:
+    """The chunks after it are read, by the index at the end or one after the other."""
+    data = bytearray(mcap_bytes(dive(), compression=compression, indexed=summary, summary=summary))
+    offset, length = chunk_places(data)[number]
     data[offset + 9 + length - 200] ^= 0x10
     trial = read_mcap(tmp_path, bytes(data))
-    (remark,) = (one for one in trial.remarks if one.kind == "truncated")
-    assert remark.count == len(data) - offset
-    assert "chunk" in remark.text
-    count = int(trial.measured.sum())
-    np.testing.assert_allclose(trial.position[trial.measured], np.deg2rad(HEADING[:count]), atol=2e-6)
+    (remark,) = (one for one in trial.remarks if one.kind == "damaged")
+    assert remark.count == length + 9
+    assert remark.text.startswith("A chunk is damaged: a chunk")
+    readings = trial.position[trial.measured]
+    whole = np.deg2rad(HEADING)
+    assert len(readings) > 0.7 * len(whole)
+    assert np.abs(readings[-1] - whole[-1]) < 2e-6
+    assert all(np.abs(whole - reading).min() < 2e-6 for reading in readings)
 
 
 @pytest.mark.parametrize("summary", [True, False])
@@ -246,7 +252,7 @@ def test_lies_about_sizes(size: int, field: int, tmp_path: Path) -> None:
     offset, _ = chunk_places(data)[3]
     struct.pack_into("<Q", data, offset + field, size)
     trial = read_mcap(tmp_path, bytes(data))
-    assert "truncated" in kinds(trial)
+    assert kinds(trial).keys() & {"truncated", "damaged"}
     assert 10 < trial.measured.sum() < 400
 
 
