@@ -158,7 +158,7 @@ def test_a_pause_that_topics_have_in_common_is_cut(interval: float, late: float)
     np.testing.assert_allclose(cut.unknown, [(paused[0][paused[0] < 20.0][-1], 30.05)], atol=0.06)
     # Commands that are logged more often than the motion end, and begin again, within its interval.
     often = np.arange(0.0, 60.0, 0.01)
-    often = often[(often < 20.02) | (often > 29.97)]
+    often = often[(often < 19.995) | (often > 30.005)]
     assert examine([kind], replace(data, commands=(often,)), FaultOverrides())[1]
     # A heading that is absent while commands go on is a gap; so may be one next to commands on change.
     going_on = replace(data, commands=(np.arange(0.0, 60.0, interval),))
