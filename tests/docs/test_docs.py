@@ -379,6 +379,8 @@ class Links(HTMLParser):
 def test_each_name_of_the_python_interface_has_an_example() -> None:
     stable, _ = (DOCS / "api.md").read_text(encoding="utf-8").split("## Building blocks")
     examples = "".join(re.findall(r"^```(?:python|pycon)\n(.*?)^```", stable, re.MULTILINE | re.DOTALL))
+    first = re.findall(r"^```python\n(.*?)^```", stable, re.MULTILINE | re.DOTALL)[0]
+    assert len([line for line in first.splitlines() if line.strip()]) <= 12  # the promise, from a DataFrame to a cause
     listed = re.findall(r"auto(?:function|class):: ([\w.]+)\n(?:   :members: ([\w, ]+))?", stable)
     names = {name for owner, members in listed for name in (members or owner.rpartition(".")[2]).split(", ")}
     assert {"from_frame", "to_json", "interval_95", "open"} <= names
