@@ -49,7 +49,9 @@ def export_mark(name: str) -> str:
 
 def export_signature(name: str) -> FileSignature:
     """Signature of an export in the format ``name``."""
-    pattern = rb'"schema": "rovid-model/[0-9]' if name == "json" else re.escape(export_mark(name).encode()) + rb"[^\w-]"
+    pattern = re.escape(export_mark(name).encode()) + rb"[^\w-]"
+    if name == "json":
+        pattern = rb'"schema": "rovid-(planar-)?model/[0-9]'
     return _signature(f"an export for {name}", pattern)
 
 

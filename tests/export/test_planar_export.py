@@ -23,7 +23,13 @@ from rovid.core.errors import ConfigError
 from rovid.effects import effect_named
 from rovid.export import FORMATS
 from rovid.export.planar_input import PlanarInput
-from rovid.export.verification import VerifiedExport, load_exporter, verification_commands, verified_export
+from rovid.export.verification import (
+    VerifiedExport,
+    load_exporter,
+    select_exporter,
+    verification_commands,
+    verified_export,
+)
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.model import BASE_NAMES, SNAME, PlanarModel, RudderModel
 from rovid.trial.vehicle import Rudder, ThrustCurve, Thruster, Vehicle
@@ -84,6 +90,14 @@ def subject(*keys: str) -> PlanarInput:
 def exported(name: str, *keys: str) -> VerifiedExport:
     exporter = load_exporter(name, planar=True)
     return verified_export(exporter, subject(*keys))
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_rovid_replaces_its_own_export(name: str, tmp_path: Path) -> None:
+    exporter, output = select_exporter(name, tmp_path / "model", planar=True)
+    content = exporter(subject()).content
+    output.path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    assert output.signature.matches(output.path)
 
 
 @pytest.mark.slow
