@@ -21,8 +21,9 @@ from rovid.model.model import Model
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
-# Size of a cause without a fitted one: the RMS change of the simulated rate over the RMS rate. Convention.
-SIZE_SHARE = 0.02
+# Sizes of a cause without a fitted one: the RMS change of the simulated rate over the RMS rate. The first one that the
+# programme shows counts: a part of the change of the rate may equal that by other parameters. Convention.
+SIZE_SHARES = (0.02, 0.08, 0.3)
 # Shares of the initial size of the rival at which its fit may start, and steps of a coarse and of a full fit.
 # Above this log-likelihood ratio (nats) of a coarse fit, the pair is separated whatever a full fit gives.
 _STARTS, _COARSE_STEPS, _STEPS, _CERTAIN = (1.0, 0.2, 0.04), 3, 12, 10.0 * DECISIVE_LLR
@@ -48,6 +49,7 @@ class SizedCause:
 
     effect: Effect
     values: FloatArray  # (k,)
+    share: float | None = None  # RMS change of the simulated rate over the RMS rate, of `SIZE_SHARES`; None: fitted
 
     @property
     def name(self) -> str:
@@ -98,7 +100,7 @@ def split_causes(fitted: CandidateModel, named: Sequence[Effect]) -> tuple[Candi
 
 
 def sized_causes(base: CandidateModel, vehicle: Vehicle, programme: Sequence[Trial]) -> list[SizedCause]:
-    """One form of each effect that can be tested and that ``base`` lacks, at the size of `SIZE_SHARE`."""
+    """One form of each effect that can be tested and that ``base`` lacks, at the smallest of `SIZE_SHARES`."""
     forms: dict[str, Effect] = {}
     for form in forms_for(vehicle, _channels(programme)):
         # The phase of waves is random: no simulation shows them.
@@ -115,7 +117,7 @@ def tested_causes(
     vehicle: Vehicle,
     programme: Sequence[Trial],
 ) -> list[SizedCause]:
-    """The ``wanted`` causes, or all if there are none, at their ``fitted`` sizes or at that of `SIZE_SHARE`."""
+    """The ``wanted`` causes, or all if there are none, at their ``fitted`` sizes or the least of `SIZE_SHARES`."""
     own = {cause.effect.id: cause for cause in fitted}
     if not wanted:
         return [own.get(cause.effect.id, cause) for cause in sized_causes(base, vehicle, programme)]
@@ -124,9 +126,9 @@ def tested_causes(
 
 
 def sized_cause(
-    effect: Effect, base: CandidateModel, vehicle: Vehicle, programme: Sequence[Trial]
+    effect: Effect, base: CandidateModel, vehicle: Vehicle, programme: Sequence[Trial], share: float = SIZE_SHARES[0]
 ) -> SizedCause | None:
-    """The cause at the size that changes the simulated rate by `SIZE_SHARE`; None where no size does."""
+    """The cause at the size that changes the simulated rate by a ``share``; None where no size does."""
     from scipy import optimize  # The import takes long.
 
     model = base.model
@@ -138,23 +140,23 @@ def sized_cause(
     units = np.array(list(map(scales.unit_size, effect.parameters)))
     start = effect.initial_values[0]
 
-    def at(share: float) -> FloatArray:
-        scaled = scaled_start(effect, start, share)
-        for k, size in enumerate(effect.parameters[: effect.size_count]):
-            if size.neutral_at_infinity:
-                scaled[k] = np.clip(start[k] / share, size.low, size.high)
+    def at(size: float) -> FloatArray:
+        scaled = scaled_start(effect, start, size)
+        for k, parameter in enumerate(effect.parameters[: effect.size_count]):
+            if parameter.neutral_at_infinity:
+                scaled[k] = np.clip(start[k] / size, parameter.low, parameter.high)
         return np.asarray(scaled * units)
 
     def excess(exponent: float) -> float:
         changed = _rates(_with_effect(model, effect, at(math.exp(exponent))), vehicle, programme)
         difference = rms([one - other for one, other in zip(changed, plain, strict=True)])
-        return math.log(difference / rate / SIZE_SHARE) if math.isfinite(difference) else 1.0
+        return math.log(difference / rate / share) if math.isfinite(difference) else 1.0
 
     low, high = math.log(1e-3), math.log(30.0)
     if excess(high) < 0.0:
         return None
     exponent = low if excess(low) > 0.0 else float(optimize.brentq(excess, low, high, xtol=0.02))
-    return SizedCause(effect=effect, values=at(math.exp(exponent)))
+    return SizedCause(effect=effect, values=at(math.exp(exponent)), share=share)
 
 
 def isolability(
@@ -172,16 +174,18 @@ def isolability(
     """
     seconds = sum(trial.duration for trial in programme)
     found: dict[tuple[str, str], tuple[float, dict[str, float]]] = {}
-    visible: dict[str, bool] = {}
-    for number, true in enumerate(causes, start=1):
-        report(f"Comparing causes: {true.name}, {number} of {len(causes)} …")
-        fitting = ExpectedFits(base, true, vehicle, programme)
-        visible[true.name] = fitting.gains(None)[""][-1] >= DECISIVE_LLR
-        rivals = [cause for cause in causes if cause is not true and visible[true.name]]
+    shown: list[SizedCause] = []
+    for number, cause in enumerate(causes, start=1):
+        report(f"Comparing causes: {cause.name}, {number} of {len(causes)} …")
+        visible = _visible_fits(base, cause, vehicle, programme)
+        if visible is None:
+            continue
+        true, fitting = visible
+        shown.append(true)
+        rivals = [rival for rival in causes if rival is not cause]
         for rival, gains in zip(rivals, thread_map(fitting.gains, [rival.effect for rival in rivals]), strict=True):
             decided = {sensor: _decision(one, fitting.block_ends) for sensor, one in gains.items()}
             found[true.name, rival.name] = float(gains[""][-1]), decided
-    shown = tuple(cause for cause in causes if visible[cause.name])
     pairs = []
     for one, other in combinations([cause.name for cause in shown], 2):
         (gain, decided), (back, latest) = found[one, other], found[other, one]
@@ -193,11 +197,25 @@ def isolability(
     return IsolabilityMatrix(
         runs=tuple(trial.name for trial in programme),
         seconds=seconds,
-        causes=shown,
-        invisible=tuple(name for name, seen in visible.items() if not seen),
+        causes=tuple(shown),
+        invisible=tuple(sorted({cause.name for cause in causes}.difference(cause.name for cause in shown))),
         pairs=tuple(sorted(pairs, key=lambda pair: (-pair.seconds, pair.gain))),
         sensor_causes=_sensor_causes(vehicle, _channels(programme)),
     )
+
+
+def _visible_fits(
+    base: CandidateModel, cause: SizedCause, vehicle: Vehicle, programme: Sequence[Trial]
+) -> "tuple[SizedCause, ExpectedFits] | None":
+    """The cause at its fitted size, or at the first of `SIZE_SHARES` that the programme shows, and its fits."""
+    sized: SizedCause | None = cause
+    while sized is not None:
+        fits = ExpectedFits(base, sized, vehicle, programme)
+        if fits.gains(None)[""][-1] >= DECISIVE_LLR:
+            return sized, fits
+        larger = [share for share in SIZE_SHARES if sized.share is not None and share > sized.share]
+        sized = sized_cause(cause.effect, base, vehicle, programme, larger[0]) if larger else None
+    return None
 
 
 def expected_separations(

@@ -9,7 +9,14 @@ import pytest
 
 from rovid.effects import effect_named
 from rovid.estimate.experiment_design import CandidateModel
-from rovid.estimate.isolability import IsolabilityMatrix, SizedCause, isolability, sized_causes
+from rovid.estimate.isolability import (
+    SIZE_SHARES,
+    IsolabilityMatrix,
+    SizedCause,
+    isolability,
+    sized_cause,
+    sized_causes,
+)
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
@@ -85,6 +92,17 @@ def test_causes_of_no_visible_size_make_no_pairs() -> None:
     found = matrix(list(weak), [LOG])
     assert set(found.invisible) == {"bias_torque", "thrust_asymmetry"}
     assert not found.pairs
+
+
+def test_a_cause_that_drag_imitates_counts_at_the_size_that_shows() -> None:
+    curvature = sized_cause(effect_named("drag_curvature"), BASE, VEHICLE, [LOG])
+    assert curvature is not None
+    assert curvature.share == SIZE_SHARES[0]
+    found = matrix([curvature], [LOG])
+    assert not found.invisible
+    (shown,) = found.causes
+    assert shown.share in SIZE_SHARES[1:]
+    assert shown.values[0] > 2.0 * curvature.values[0]
 
 
 def test_a_thruster_that_never_acts_alone_is_not_visible() -> None:

@@ -11,7 +11,7 @@ from rovid.core.formatting import plus_minus, rounded
 from rovid.estimate.estimate import PER_INERTIA
 from rovid.estimate.experiment_design import DECISIVE_LLR, ExperimentPlan
 from rovid.estimate.inertia import InertiaFit
-from rovid.estimate.isolability import SIZE_SHARE, IsolabilityMatrix, PairSeparation
+from rovid.estimate.isolability import SIZE_SHARES, IsolabilityMatrix, PairSeparation
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.oscillation_tests import FreeDecay, Quantity, analyse_free_decay
 from rovid.estimate.steady_drag import DragFit
@@ -202,7 +202,8 @@ def show_matrix(console: Console, matrix: IsolabilityMatrix) -> None:
     if not matrix.pairs:
         print_text(console, "Fewer than two causes are visible. Plan longer runs or larger commands.")
     if matrix.invisible:
-        print_labelled(console, "Not visible at all:", ", ".join(matrix.invisible))
+        most = f"Not visible, at {100.0 * SIZE_SHARES[-1]:.0f} % of the rate either:"
+        print_labelled(console, most, ", ".join(matrix.invisible))
     sensors = list(matrix.sensor_causes)
     columns = [
         mixed_number_column(title) for title in ("minutes", "log-likelihood", *(f"+ {name}" for name in sensors))
@@ -220,9 +221,12 @@ def show_matrix(console: Console, matrix: IsolabilityMatrix) -> None:
         print_labelled(console, f"With {name}:", "; ".join(words) or "nothing more")
     text = (
         f"A pair counts as told apart from an expected log-likelihood ratio of {DECISIVE_LLR:.0f}. Minutes beyond the "
+        "programme are those of its repetition. Causes without a fitted size change the simulated rate by "
     )
-    text += "programme are those of its repetition. Causes without a fitted size change the simulated rate by "
-    print_text(console, f"{text}{100.0 * SIZE_SHARE:.0f} %.")
+    least, *larger = SIZE_SHARES
+    named = [(share, [cause.name for cause in matrix.causes if cause.share == share]) for share in larger]
+    more = [f"; {', '.join(names)} by {100.0 * share:.0f} %" for share, names in named if names]
+    print_text(console, f"{text}{100.0 * least:.0f} %{''.join(more)}.")
 
 
 def _minutes(seconds: float) -> str:
