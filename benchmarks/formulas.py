@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -154,6 +155,8 @@ def error_of(model: Model, study: Study, calm: dict[str, list[float]]) -> float:
     assert study.runs is not None
     squares = []
     for item in study.runs.items:
+        if Path(item.trial.name).stem not in calm:
+            continue
         (simulated,) = simulate_runs([item], model, study.vehicle)
         trial = item.trial
         true = np.interp(item.rates.time, trial.time, np.asarray(calm[Path(trial.name).stem])[: len(trial.time)])
@@ -167,6 +170,8 @@ def beyond_record(cause: str, seed: int) -> Record:
     with tempfile.TemporaryDirectory() as room:
         beyond.write(Path(room), cause, seed)
         record, search, formulas = judged(Path(room) / "logs", "")
+        # The hours of the campaign count from the first log.
+        shutil.copy(Path(room) / "logs" / "run_01.csv", Path(room) / "held_out")
         study = open_study([Path(room) / "held_out"])
         calm = json.loads((Path(room) / "truth.json").read_text(encoding="utf-8"))["calm_rates"]
         plain = error_of(search.problem.innovations.base.model, study, calm)

@@ -46,7 +46,8 @@ by /."""
 _OUTSIDE = """\
 `tools/beyond.py` simulates two vehicles with the cause, and was written without knowledge of the search. *Removed* is \
 the share of the mean square error of the free-running rate on three further runs that the best formula removes, or \
-the causes if each of them is apt. The error is that against the rate without disturbance."""
+the causes if each of them is apt. The error is that against the rate without disturbance. *Error without* is its RMS \
+with the plain model, as a share of the RMS rate."""
 
 
 def held_out_share(record: Record) -> float:
@@ -83,6 +84,10 @@ def right_signals(record: Record) -> bool:
     return names in DRIVERS.get(record["hidden"], ())
 
 
+def _plain_error(record: Record) -> float:
+    return float(record["plain_error"])
+
+
 def line_of(record: Record) -> str:
     """One campaign in a line of the terminal."""
     head = f"{record['kind']:<6} {record['hidden']:<24} seed {record['seed']:2d}"
@@ -99,7 +104,10 @@ def line_of(record: Record) -> str:
 
 
 def _best(record: Record) -> str:
-    return f"`{record['formulas'][0]['formula']}`" if record["formulas"] else "none"
+    if not record["formulas"]:
+        return "none"
+    best = record["formulas"][0]
+    return f"`{best['formula']}`" + (f" next to {' and '.join(best['beside'])}" if best["beside"] else "")
 
 
 def _shares(records: Iterable[Record], share: Callable[[Record], float]) -> str:
@@ -149,8 +157,11 @@ def section(records: Sequence[Record]) -> str:
         _OUTSIDE,
         _outside_counts(outside),
         aligned_table(
-            ["hidden cause", "removed", "best formula, first seed", "names established"],
-            [[name, _shares(some, removed), _best(some[0]), _names(some)] for name, some in _grouped(outside).items()],
+            ["hidden cause", "error without", "removed", "best formula, first seed", "names established"],
+            [
+                [name, _shares(some, _plain_error), _shares(some, removed), _best(some[0]), _names(some)]
+                for name, some in _grouped(outside).items()
+            ],
         ),
         "### Failures",
         "\n".join(_failures(visible, outside, bare)) or "None.",

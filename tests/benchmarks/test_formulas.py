@@ -27,7 +27,7 @@ def struck(hidden: str = "drag_curvature", **changed: Any) -> dict[str, Any]:
 
 def outside(hidden: str, name: str, evidence: str = "confirmed", **changed: Any) -> dict[str, Any]:
     said = {"effect": name, "or": [], "evidence": evidence}
-    shares = {"removed_by_causes": 0.9, "removed_by_formulas": [0.5], "causes": [name]}
+    shares = {"removed_by_causes": 0.9, "removed_by_formulas": [0.5], "causes": [name], "plain_error": 0.2}
     return struck(hidden, established=[said], **shares) | {"kind": "beyond"} | changed
 
 
@@ -71,6 +71,7 @@ def test_the_page_names_the_failures(tmp_path: Path) -> None:
         "A share of 0.8 or more: 1 of 2 campaigns.",
         "a formula is offered in 1 of 1.",
         "- tank_seiche, seed 1: the share is 0.00.",
+        "| coanda | 0.20 | 0.50 | `-6000*rate*rate*rate` | advance_speed_loss, confirmed |",
         "- coanda, seed 1: 0.50 of the error is removed.",
         "- coanda, seed 1: advance_speed_loss (confirmed) is established.",
         "- nothing hidden, seed 1: `-6000*rate*rate*rate`.",

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rovid.diagnose.formulas import search
 from rovid.diagnose.formulas.effect_file import effect_of, effect_source, is_possible
 from rovid.diagnose.formulas.grammar import Factor, Grammar, Product, remembered
 from rovid.diagnose.formulas.regression import InnovationRegression
@@ -223,3 +224,27 @@ def test_a_rival_predicts_better_than_all_causes_beyond_a_tie(
     monkeypatch.setattr(found, "_candidates", lambda _, __, longest: [None] if longest == 1 else [])
     monkeypatch.setattr(found, "_validated", lambda _: formula)
     assert found.rival() is (formula if is_rival else None)
+
+
+def test_a_product_that_its_fit_refutes_does_not_compete_in_the_bootstrap(monkeypatch: pytest.MonkeyPatch) -> None:
+    products = [Product((factor("rate", "sign"),)), Product((factor("rate", "cubic"),))]
+    regression = SimpleNamespace(
+        own=np.zeros((4, 0, 0)),
+        gains=lambda _=None: np.array([60.0, 50.0]),
+        correlation=lambda: np.array([[1.0, 0.4], [0.4, 1.0]]),
+    )
+    scores = {products[0]: -3.0, products[1]: 200.0}
+    base: Any = SimpleNamespace(score=0.0)
+    monkeypatch.setattr(search, "regress", lambda *_: regression)
+    monkeypatch.setattr(search, "product_effects", lambda *_: [])
+    monkeypatch.setattr(search, "bic_score", lambda fitted: fitted.score)
+    monkeypatch.setattr(search, "is_plausible", lambda _: True)
+    found: Any = FormulaSearch.__new__(FormulaSearch)
+    found.report, found.model = (lambda _: None), base
+    found.grammar = SimpleNamespace(products=products, price=lambda _: 0.0)
+    found.search = SimpleNamespace(misspecification_allowance=lambda *_, **__: 0.0)
+    candidate: Any = search._Candidate  # noqa: SLF001
+    fits = {one: candidate((one,), SimpleNamespace(score=scores[one]), base, 0.0, 0.0) for one in products}
+    monkeypatch.setattr(found, "_fitted", lambda _, some: fits[some[0]])
+    (one,) = found._candidates(base, longest=1)  # noqa: SLF001
+    assert (one.products, one.inclusion) == ((products[1],), 1.0)

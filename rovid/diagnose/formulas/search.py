@@ -188,7 +188,6 @@ class FormulaSearch:
         prices = np.array(list(map(self.grammar.price, products)))
         net = found.gains() - prices
         correlation = np.abs(found.correlation())
-        drawn = inclusion(found, prices, np.random.default_rng(_SEED), _DRAWS)
         chosen: list[int] = []
         for k in np.argsort(-net).tolist():
             if len(chosen) == count or net[k] < THRESHOLDS.bic_margin:
@@ -198,18 +197,23 @@ class FormulaSearch:
         self.report(f"Fitting {len(chosen)} formulas …")
         # The gain has to pay for the formula, and to exceed what approximate equations of the causes may explain.
         least = max(THRESHOLDS.bic_margin, self.search.misspecification_allowance(context, white=False))
-        singles = []
-        for k in chosen:
-            share = float(np.mean(correlation[k, drawn] > _SIMILAR))
-            one = self._fitted(context, (products[k],), share)
-            if is_plausible(one.fitted) and one.score >= bic_score(context) + least:
-                singles.append(one)
-        best = sorted(singles, key=lambda one: -one.score)[:_MOST]
+        singles = {k: self._fitted(context, (products[k],)) for k in chosen}
+        singles = {
+            k: one for k, one in singles.items() if is_plausible(one.fitted) and one.score >= bic_score(context) + least
+        }
+        if not singles:
+            return
+        # What the regression predicted, and the fit of a product refuted, does not compete in the bootstrap.
+        refuted = correlation[[k for k in chosen if k not in singles]].max(axis=0, initial=0.0)
+        competes = (refuted < _SIMILAR) | (correlation[[*singles]].max(axis=0) > refuted)
+        drawn = inclusion(found, np.where(competes, prices, np.inf), np.random.default_rng(_SEED), _DRAWS)
+        every = [replace(one, inclusion=float(np.mean(correlation[k, drawn] > _SIMILAR))) for k, one in singles.items()]
+        best = sorted(every, key=lambda one: -one.score)[:_MOST]
         for one in best if longest < 2 else map(self._extended, best):
             if one.score >= bic_score(self.model) + THRESHOLDS.bic_margin:
                 yield one
 
-    def _fitted(self, context: FitResult, products: tuple[Product, ...], share: float) -> _Candidate:
+    def _fitted(self, context: FitResult, products: tuple[Product, ...], share: float = 0.0) -> _Candidate:
         self.count += 1
         source = effect_source(
             products, self._sizes(products), self.grammar.units, name=f"formula_{self.count}", axis=self._axis
