@@ -29,6 +29,7 @@ from rovid.effects.base import (
     OnHeading,
     OnThrust,
     OnTorque,
+    SensorPlace,
     Term,
     WaterCurrent,
     WaveTorque,
@@ -70,6 +71,7 @@ _PLACES = {
     OnHeading: "acts on the measured heading; the motion is unchanged",
     WaveTorque: "a torque in the equation of motion, of random phase",
     Coupling: "forces in the equations of surge, sway and yaw; `--axes planar` only",
+    SensorPlace: "acts on the readings of a velocity log or an antenna; `--axes planar` only",
     WaterCurrent: "speed of the water in the equations of surge, sway and yaw; `--axes planar` only",
 }
 _OF_ANGLES = "acts on the angles of rudders and azimuth thrusters; `--axes planar` only"

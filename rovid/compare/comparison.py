@@ -26,11 +26,14 @@ from rovid.compare.difference_tests import (
 )
 from rovid.core.errors import ConfigError
 from rovid.core.threads import thread_map
+from rovid.diagnose.result import Finding
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.effects.thruster_imbalance import EFFECT as IMBALANCE
 from rovid.model.model import Model
 from rovid.model.parameter_names import PLANAR_UNITS
 from rovid.model.simulation import FitMeasures, TrialSimulation, simulate_runs, simulation_errors
+from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.trial_simulation import pooled_measures
 from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Entry, Parameters
@@ -54,6 +57,19 @@ class PlanarCampaign:
     parameters: Parameters
     study: PlanarStudy | None = None
     is_cut_short: bool = False  #: Whether its diagnosis ended before every cause was tried.
+    suspects: tuple[Finding, ...] = ()  #: Of its diagnosis.
+
+    @property
+    def doubts(self) -> Iterator[str]:
+        """Clauses on what may explain a difference of parameters without a change of the vehicle."""
+        if self.is_cut_short:
+            yield _cut_short(self.name)
+        if self.parameters.missing:
+            yield f"{self.name}: {self.parameters.missing}, so its parameters may stand for something else"
+        for one in self.suspects:
+            if one.probability >= THRESHOLDS.likely:
+                words = f"{one.effect.title} (confidence {one.probability:.2f})"
+                yield f"the diagnosis of {self.name} suspects {words}, which may explain differences"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,10 +79,11 @@ class PlanarChange:
     name: str
     a: Entry
     b: Entry
-    ratio: float  #: B over A; NaN where A is zero.
-    standard_error: float  #: Of the ratio.
+    ratio: float  #: B over A; NaN where A is zero, and of directions.
+    standard_error: float  #: Of the ratio, or of the difference of directions.
     confidence: float  #: Probability that the difference is no chance, allowing for the number of parameters.
     changed: bool
+    difference: float = math.nan  #: B less A in rad, of directions.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,8 +101,8 @@ class PlanarComparison:
 
     @property
     def open_questions(self) -> list[str]:
-        """Clauses on the diagnoses that were cut short."""
-        return [_cut_short(side.name) for side in (self.a, self.b) if side.is_cut_short]
+        """Clauses on what else may explain a difference, or was not tried."""
+        return [clause for side in (self.a, self.b) for clause in side.doubts]
 
     @property
     def changed(self) -> list[str]:
@@ -113,20 +130,27 @@ def planar_campaigns(
     sides = [_opened(path, report, budget) for path in paths]
     shared = [effect for _, _, effects, _ in sides for effect in effects if not effect.environmental]
     found = []
-    for path, (stored, study, effects, is_cut_short) in zip(paths, sides, strict=True):
+    for path, (stored, study, effects, diagnosis) in zip(paths, sides, strict=True):
         parameters = stored or Parameters(path=path, axis=PLANAR)
-        if stored is None and study is not None:
+        if study is not None and stored is None:
             report(f"Fitting {path.name} …")
             fit = study.fit(tuple(dict.fromkeys((*shared, *effects))))
             parameters = with_fit(parameters, fit, study.provenance)
-        found.append(PlanarCampaign(name=str(path), parameters=parameters, study=study, is_cut_short=is_cut_short))
+        campaign = PlanarCampaign(
+            name=str(path),
+            parameters=parameters,
+            study=study,
+            is_cut_short=diagnosis is not None and diagnosis.is_cut_short,
+            suspects=() if diagnosis is None else diagnosis.suspects,
+        )
+        found.append(campaign)
     return found[0], found[1]
 
 
 def _opened(
     path: Path, report: Callable[[str], None], budget: float | None
-) -> tuple[Parameters | None, PlanarStudy | None, list[Effect], bool]:
-    """A parameter file and its logs as far as they exist, or None and a folder's logs; causes; whether time ran out."""
+) -> tuple[Parameters | None, PlanarStudy | None, list[Effect], PlanarDiagnosis | None]:
+    """A parameter file and its logs as far as they exist, or None and a folder's logs; causes; the diagnosis."""
     if path.is_file():
         stored = read_parameters(path)
         if stored.axis is not PLANAR:
@@ -134,12 +158,12 @@ def _opened(
             raise ConfigError(text, where=path, mend="Give the file of another fit.")
         has_logs = bool(stored.logs) and all(log.exists() for log in stored.logs)
         study = open_planar_study(stored.logs) if has_logs else None
-        return stored, study, list(map(planar_effect, stored.effects)), False
+        return stored, study, list(map(planar_effect, stored.effects)), None
     study = open_planar_study([path])
     report(f"Diagnosing {path.name} …")
     found = study.diagnosis(report, budget=budget)
     effects = [] if found.extended is None else [one.effect for one in found.extended.fit.model.effects]
-    return None, study, effects, found.is_cut_short
+    return None, study, effects, found
 
 
 def compare_planar(a: PlanarCampaign, b: PlanarCampaign, *, relevant_change: float) -> PlanarComparison:
@@ -147,17 +171,16 @@ def compare_planar(a: PlanarCampaign, b: PlanarCampaign, *, relevant_change: flo
     ours, others = a.parameters.entries, b.parameters.entries
     # A prior of both sides makes them alike.
     names = [name for name in ours if name in others and not (ours[name].from_prior or others[name].from_prior)]
+    doubts = [*a.doubts, *b.doubts]
     changes = tuple(_change(name, ours[name], others[name], len(names)) for name in names)
     detectable = {one.name: _DETECTABLE * one.standard_error for one in changes if one.name in _INERTIAS}
+    if doubts:
+        # What a model misses changes its parameters, too.
+        changes = tuple(replace(change, changed=False) for change in changes)
     verdict = "same"
     if any(change.changed for change in changes):
         verdict = "changed"
-    elif (
-        a.is_cut_short
-        or b.is_cut_short
-        or not detectable
-        or not all(limit <= relevant_change for limit in detectable.values())
-    ):
+    elif doubts or not detectable or not all(limit <= relevant_change for limit in detectable.values()):
         verdict = "cannot_tell"
     predictions, sides = {}, {"a": a, "b": b}
     for one, other in (("a", "b"), ("a", "a"), ("b", "b"), ("b", "a")):
@@ -170,12 +193,14 @@ def compare_planar(a: PlanarCampaign, b: PlanarCampaign, *, relevant_change: flo
 
 def _change(name: str, a: Entry, b: Entry, count: int) -> PlanarChange:
     joint = math.hypot(a.standard_error, b.standard_error)
-    chance = 1.0
+    chance, difference, is_direction = 1.0, b.value - a.value, name.endswith(".direction")
+    if is_direction:
+        difference = math.remainder(difference, 2.0 * math.pi)
     if 0.0 < joint < math.inf:
-        chance = min(1.0, count * math.erfc(abs(b.value - a.value) / joint / math.sqrt(2.0)))
-    ratio = b.value / a.value if a.value else math.nan
-    error = math.nan
-    if a.value:
+        chance = min(1.0, count * math.erfc(abs(difference) / joint / math.sqrt(2.0)))
+    ratio = b.value / a.value if a.value and not is_direction else math.nan
+    error = joint if is_direction else math.nan
+    if math.isfinite(ratio):
         error = math.hypot(b.standard_error / a.value, ratio * a.standard_error / a.value)
     # Only the base parameters belong to the vehicle: a current or a constant force may differ from day to day.
     key = "" if name in PLANAR_UNITS else name.rpartition(".")[0]
@@ -188,6 +213,7 @@ def _change(name: str, a: Entry, b: Entry, count: int) -> PlanarChange:
         standard_error=error,
         confidence=1.0 - chance,
         changed=chance < _FALSE_CHANGE and not environmental,
+        difference=difference if is_direction else math.nan,
     )
 
 

@@ -192,9 +192,16 @@ class WaterCurrent:
     wanders: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class SensorPlace:
+    """The place of the ``sensors`` of the planar model on one instrument. Parameters: m ahead, and to starboard."""
+
+    sensors: tuple[str, str]
+
+
 # Stages between command and torque.
 Actuating = OnCommand | OnThrust | OnTorque
-Acts = Actuating | Term | OnHeading | WaveTorque | Coupling | WaterCurrent
+Acts = Actuating | Term | OnHeading | WaveTorque | Coupling | WaterCurrent | SensorPlace
 
 
 @dataclass(frozen=True, kw_only=True)

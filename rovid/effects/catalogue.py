@@ -69,8 +69,15 @@ _WORDS = {
 SYNONYMS = {word: effect for effect, words in _WORDS.items() for word in words.split()}
 # All forms of all effects, the plain form of each effect first.
 FORMS: tuple[Effect, ...] = tuple(form for name in EFFECTS for form in import_module(f"rovid.effects.{name}").FORMS)
-# Ids of the effects with forms of the planar model, `Coupling` and `WaterCurrent`, and these forms.
-PLANAR_EFFECTS = ("current", "sway_yaw_damping", "cross_flow_drag", "speed_dependent_damping", "bias_torque")
+# Ids of the effects with forms of the planar model, `Coupling`, `WaterCurrent` and `SensorPlace`, and these forms.
+PLANAR_EFFECTS = (
+    "current",
+    "sway_yaw_damping",
+    "cross_flow_drag",
+    "speed_dependent_damping",
+    "bias_torque",
+    "sensor_place",
+)
 PLANAR_FORMS: tuple[Effect, ...] = tuple(
     form for name in PLANAR_EFFECTS for form in import_module(f"rovid.effects.{name}").PLANAR_FORMS
 )

@@ -214,7 +214,7 @@ def planar_input(stored: Parameters, study: PlanarStudy | None) -> PlanarInput:
         text = f"The logs do not determine {names}: stand-ins are written, which they neither support nor refute."
         notes.append(text)
     if study is None:
-        model = planar_model(stored)
+        model = planar_model(stored).of_vehicle
         envelope = np.array(_ASSUMED)
         largest = model.base[4:7] * envelope + model.base[7:10] * envelope**2
         thrusters = tuple(
@@ -232,7 +232,7 @@ def planar_input(stored: Parameters, study: PlanarStudy | None) -> PlanarInput:
             commands=np.column_stack((-largest, largest)),
             notes=tuple(notes),
         )
-    model, data = study.model(stored), study.data
+    model, data = study.model(stored).of_vehicle, study.data
     commands = np.concatenate([run.trial.commands for run in data.runs])
     return PlanarInput(
         model=model,

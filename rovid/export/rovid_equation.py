@@ -9,7 +9,6 @@ import numpy as np
 
 from rovid.core.formatting import identifiers, to_json, toml_text
 from rovid.core.output_files import export_mark
-from rovid.effects.base import Coupling, WaterCurrent
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.planar_input import PlanarInput
 from rovid.model.model import Model
@@ -269,7 +268,7 @@ def _planar_result(subject: PlanarInput, content: str | bytes, read: Mapping[str
     model = subject.model
     if read is not None:
         model = model.with_values(np.array([read[name] for name in model.names]))
-    acting = [one.effect.key for one in model.effects if not isinstance(one.effect.acts, Coupling | WaterCurrent)]
+    acting = [one.effect.key for one in model.actuator_effects]
     notes = [f"{_PLANAR_AXES} In a z-up frame sway, yaw rate and the levers of both change sign, the matrices do not."]
     if acting:
         notes.append(f"{', '.join(acting)} act between command and thrust: the reader implements them.")

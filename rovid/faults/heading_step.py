@@ -44,21 +44,29 @@ _CHANGE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Steps:
+class Steps:
     """The measured readings of a trial and the step after each of them."""
 
     time: FloatArray  #: (n,) s.
-    angle: FloatArray  #: (n,) rad.
+    angle: FloatArray  #: (n,) rad; or a position in m.
     commands: FloatArray  #: (n, k) at the readings.
 
     @classmethod
     def of(cls, trial: Trial) -> Self:
+        """The steps of the measured position of ``trial``."""
         rows = np.flatnonzero(trial.measured)
         return cls(time=trial.time[rows], angle=trial.position[rows], commands=trial.commands[rows])
 
+    @classmethod
+    def of_readings(cls, trial: Trial, name: str) -> Self:
+        """The steps of another sensor of ``trial``."""
+        own = trial.readings[name]
+        rows = np.maximum(np.searchsorted(trial.time, own.time, side="right") - 1, 0)
+        return cls(time=own.time, angle=own.values, commands=trial.commands[rows])
+
     @cached_property
     def departures(self) -> FloatArray:
-        """(n-1,) rad by which each step leaves the range of the steps around it; 0 in gaps and at the ends."""
+        """(n-1,) rad, or m, by which each step leaves the range of the steps around it; 0 in gaps and at the ends."""
         intervals = np.diff(self.time)
         rates = np.diff(self.angle) / intervals
         near = np.lib.stride_tricks.sliding_window_view(rates, _REACH)
@@ -72,7 +80,7 @@ class _Steps:
         return found
 
     def motion(self, at: int) -> float:
-        """Largest magnitude of the steps about the step ``at``, in rad."""
+        """Largest magnitude of the steps about the step ``at``."""
         near = np.abs(np.diff(self.angle[max(at - _REACH, 0) : at + _REACH + 2]))
         return float(np.max(np.delete(near, min(at, _REACH))))
 
@@ -90,9 +98,9 @@ def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
         return
     if data.known & {"scaled_heading", "saturated_sensor"}:
         return  # Such a heading jumps where it wraps.
-    steps = _Steps.of(trial)
+    steps = Steps.of(trial)
     stated = [(at, size) for at, size in data.resets if abs(size) > _MIN_STATED and 0.0 < at < trial.time[-1]]
-    found = {int(at) for at in _jumps(steps)}
+    found = {int(at) for at in jumps(steps, _MIN_STEP)}
     near = 2.0 * _REACH * trial.sampling_interval
     if data.known & _OF_CLOCK:
         found = {at for at in found if abs(steps.departures[at]) > _MISSTAMPED * steps.motion(at)}
@@ -101,7 +109,10 @@ def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
     noise = 1.4826 * float(np.median(np.abs(steps.departures)))
     for at, size in stated:
         yield _detection(trial.name, at, size, None, "the log states a reset of the heading")
-    sized = [(index, *_size(steps, index, noise)) for index in sorted(found)]
+    sized = []
+    for index in sorted(found):
+        size, error = jump_size(steps, index, noise)
+        sized.append((index, size - 2.0 * np.pi * round(size / (2.0 * np.pi)), error))
     sizes = np.abs([size for _, size, _ in sized])
     if len(sizes) >= _REPEATED and np.ptp(sizes) < _SAME_SIZE * np.median(sizes):
         return  # The heading wraps at another period than a turn: it is clipped, or of another scale.
@@ -130,8 +141,8 @@ def _detection(log: str, at: float, size: float, error: float | None, what: str)
     )
 
 
-def _jumps(steps: _Steps) -> IntArray:
-    """Numbers of the steps that are jumps."""
+def jumps(steps: Steps, least: float) -> IntArray:
+    """Numbers of the steps that are jumps, each of ``least`` or more."""
     size = np.abs(steps.departures)
     order = np.argsort(size)[::-1]
     sigma = 1.4826 * float(np.median(size))
@@ -142,16 +153,16 @@ def _jumps(steps: _Steps) -> IntArray:
         found.append(at)
         left[max(at - _REACH, 0) : at + _REACH + 1] = 0.0
         # All that were taken so far are jumps if the smallest of them stands out from the rest.
-        limit = max(_RATIO * float(left.max()), _SIGMAS * sigma, _MIN_STEP)
+        limit = max(_RATIO * float(left.max()), _SIGMAS * sigma, least)
         if size[found].min() > limit:
-            jumps = np.array([at for at in found if not _returns(steps, at)], dtype=int)
-            return jumps[~_are_commanded(steps, jumps)]
-        if size[order[0]] < _MIN_STEP:
+            staying = np.array([at for at in found if not _returns(steps, at)], dtype=int)
+            return staying[~_are_commanded(steps, staying)]
+        if size[order[0]] < least:
             break
     return np.array([], dtype=int)
 
 
-def _returns(steps: _Steps, at: int) -> bool:
+def _returns(steps: Steps, at: int) -> bool:
     """Whether a step back follows or precedes the step ``at``, and the path continues without the readings between."""
     rates, count = np.diff(steps.angle) / np.diff(steps.time), len(steps.angle)
     for length in range(1, _MAX_WILD + 1):
@@ -168,30 +179,29 @@ def _returns(steps: _Steps, at: int) -> bool:
     return False
 
 
-def _are_commanded(steps: _Steps, jumps: IntArray) -> BoolArray:
-    """(m,) whether a change of the commands may explain each of the (m,) ``jumps``."""
+def _are_commanded(steps: Steps, staying: IntArray) -> BoolArray:
+    """(m,) whether a change of the commands may explain each of the (m,) ``staying`` steps."""
     changes = np.flatnonzero(steps.changes)
     reach = _COMMAND_STEPS
-    after = jumps[:, None] - changes
+    after = staying[:, None] - changes
     near = (after >= -1) & (after <= reach)
     others = np.count_nonzero(~near.any(axis=0))
     sizes = np.abs(np.diff(steps.angle))
-    usual = float(np.max(np.delete(sizes, jumps), initial=0.0))
+    usual = float(np.max(np.delete(sizes, staying), initial=0.0))
     # After one change the rate goes to its new value: only a pulse, of two changes, moves it away and back.
-    commanded = (near.sum(axis=1) > 1) & ((others < _MIN_CHANGES) | (sizes[jumps] < _FASTER * usual))
+    commanded = (near.sum(axis=1) > 1) & ((others < _MIN_CHANGES) | (sizes[staying] < _FASTER * usual))
     return np.asarray(commanded)
 
 
-def _size(steps: _Steps, at: int, noise: float) -> tuple[float, float]:
-    """Size of the jump in rad between the lines through the readings on both sides, and its standard error."""
+def jump_size(steps: Steps, at: int, noise: float) -> tuple[float, float]:
+    """Size of a jump between the lines through the readings on both sides, and its standard error."""
     middle = 0.5 * (steps.time[at] + steps.time[at + 1])
     lines = [
         np.polyval(np.polyfit(steps.time[rows] - middle, steps.angle[rows], 1), 0.0)
         for rows in (slice(at - _REACH, at + 1), slice(at + 1, at + 2 + _REACH))
     ]
     # The value of a line through m readings, half an interval beyond its end, has about 4/m of a reading's variance.
-    size = float(lines[1] - lines[0])
-    return size - 2.0 * np.pi * round(size / (2.0 * np.pi)), noise * float(np.sqrt(8.0 / (_REACH + 1)))
+    return float(lines[1] - lines[0]), noise * float(np.sqrt(8.0 / (_REACH + 1)))
 
 
 DETECTORS: Detectors = {"trial": (_detect,)}

@@ -111,6 +111,7 @@ class PlanarData:
     vehicle: Vehicle
     actuators: PlanarActuators
     prior: PlanarPrior | None = None  #: What the user knows of the parameters from elsewhere.
+    placed: frozenset[str] = frozenset()  #: Names of the sensors whose position rovid.toml has.
 
     @property
     def sensors(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import ANGLE_FORMS, PLANAR_FORMS, Effect, effect_named, forms_for
-from rovid.effects.base import Actuating, Coupling, WaterCurrent
+from rovid.effects.base import Actuating, Coupling, SensorPlace, WaterCurrent
 from rovid.estimate.fisher_information import inverse_information
 from rovid.planar.dataset import PlanarData, has_hidden_sway
 from rovid.planar.free_runs import FreeRuns, misses_much
@@ -185,8 +185,11 @@ def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
     actuators += ANGLE_FORMS if len(data.actuators.angle_columns) else ()
     if not {"surge_velocity", "sway_velocity", "north", "east"} & set(data.sensors):
         return tuple(actuators)
-    is_ship = bool(data.actuators.rudders)
-    return (*(form for form in PLANAR_FORMS if is_ship or form.key != SHIP), *actuators)
+    left_out = {SHIP} if not data.actuators.rudders else set()
+    for form in PLANAR_FORMS:
+        if isinstance(form.acts, SensorPlace) and not {*form.acts.sensors} <= {*data.sensors} - data.placed:
+            left_out.add(form.key)
+    return (*(form for form in PLANAR_FORMS if form.key not in left_out), *actuators)
 
 
 @dataclass(frozen=True, eq=False)

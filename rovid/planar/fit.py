@@ -20,6 +20,7 @@ from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import AXIS_NAMES, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.placement import place_entries, proposed_places
 from rovid.planar.prior import PriorUse
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values, with_own_sizes
 from rovid.planar.uncertainty import LOOSER, parameter_scale, total_covariance, yaw_alone_covariance
@@ -79,6 +80,14 @@ class PlanarFit:
     prior: PriorUse = field(default_factory=PriorUse)
 
     @property
+    def missing(self) -> str:
+        """Clause on what the model misses; empty where it explains the logs but for chance."""
+        poor = [f"{name} {value:.2f}" for name, value in self.free_run_r2.items() if value < INNOVATIONS_R2]
+        if not poor or (self.white and not self.at_limit):
+            return ""
+        return f"the model misses something (R^2 of the free-running simulation: {', '.join(poor)})"
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Full sentences."""
         return self.estimate.warnings
@@ -89,7 +98,10 @@ def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
 
     Raises DataError if the runs are too short, nothing moves, or no sensor measures what an effect needs.
     """
-    return planar_result(data, fit_all_readings(data, effects))
+    best = fit_all_readings(data, effects)
+    fit = planar_result(data, best)
+    warnings = (*proposed_places(best, data), *fit.estimate.warnings)
+    return replace(fit, estimate=replace(fit.estimate, warnings=warnings))
 
 
 def fit_all_readings(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarOptimum:
@@ -280,6 +292,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         warnings=(*prior.contradictions, *_warnings(data, best, limited, r2, refused)),
         from_prior=prior.decided,
     )
+    estimate = replace(estimate, warnings=(*place_entries(estimate, best.effects), *estimate.warnings))
     numbers = coordinates.noise(best.x)
     disturbance = {
         name: (float(numbers[at]), float(numbers[NOISE_TIME + at]))
@@ -365,11 +378,7 @@ def _warnings(
     poor = [name for name, value in r2.items() if value < INNOVATIONS_R2]
     if poor and (limited or not best.is_white):
         shares = ", ".join(f"{name} {r2[name]:.2f}" for name in poor)
-        placed = {"north": "antenna", "surge_velocity": "DVL", "sway_velocity": "DVL"}
-        places = " and of the ".join(dict.fromkeys(one for name, one in placed.items() if name in data.sensors))
-        hint = f" Check the position of the {places} in [signals]: without it rovid assumes the origin of the vehicle."
-        hint *= bool(places)
-        yield f"R^2 of the free-running simulation is low: {shares}. The model misses something in these runs.{hint}"
+        yield f"R^2 of the free-running simulation is low: {shares}. The model misses something in these runs."
     least = _lighter_than_rigid(data.vehicle.mass, best.model, np.zeros(len(best.model.names)), refused)
     yield from (f"{name} may be too small: {why}." for name, why in least)
 

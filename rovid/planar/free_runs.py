@@ -76,25 +76,34 @@ class PlanarMotion:
         *,
         yaw_only: bool = False,
     ) -> Self:
-        """The motion by `rovid.planar.equations.simulate_runs`, of runs or windows one after the other."""
-        states = np.zeros((len(time), STATES))
-        simulate_runs(offsets, time, inputs, starts, speed, yaw_only, model.coefficients, states)
-        return cls.of_states(time, states, model.current)
+        """The motion by `rovid.planar.equations.simulate_runs`, of runs or windows one after the other.
+
+        ``starts``: (runs, 6) as the sensors of ``model`` read them at their places.
+        """
+        states, first = np.zeros((len(time), STATES)), starts.copy()
+        (log_x, log_y), (x, y) = map(model.place_of, ("surge_velocity", "north"))
+        cosine, sine, rate = np.cos(first[:, 0]), np.sin(first[:, 0]), first[:, 3]
+        first[:, [1, 2, 4, 5]] -= np.column_stack(
+            (-log_y * rate, log_x * rate, x * cosine - y * sine, x * sine + y * cosine)
+        )
+        simulate_runs(offsets, time, inputs, first, speed, yaw_only, model.coefficients, states)
+        return cls.of_states(time, states, model)
 
     @classmethod
-    def of_states(cls, time: FloatArray, states: FloatArray, current: tuple[float, float]) -> Self:
-        """The motion of (n, 12) states of `rovid.planar.kernels`, in a current to north and east in m/s."""
-        heading = states[:, HEADING]
+    def of_states(cls, time: FloatArray, states: FloatArray, model: PlanarModel) -> Self:
+        """The motion of (n, 12) states of `rovid.planar.kernels`, at the places of the sensors of ``model``."""
+        heading, rate, current = states[:, HEADING], states[:, SURGE + 2], model.current
         cosine, sine = np.cos(heading), np.sin(heading)
+        (log_x, log_y), (x, y) = map(model.place_of, ("surge_velocity", "north"))
         north, east = current[0] + states[:, CURRENT], current[1] + states[:, CURRENT + 1]
         return cls(
             time=time,
             heading=heading,
-            surge_velocity=states[:, SURGE] + north * cosine + east * sine,
-            sway_velocity=states[:, SURGE + 1] + east * cosine - north * sine,
-            yaw_rate=states[:, SURGE + 2],
-            north=states[:, NORTH],
-            east=states[:, NORTH + 1],
+            surge_velocity=states[:, SURGE] + north * cosine + east * sine - log_y * rate,
+            sway_velocity=states[:, SURGE + 1] + east * cosine - north * sine + log_x * rate,
+            yaw_rate=rate,
+            north=states[:, NORTH] + x * cosine - y * sine,
+            east=states[:, NORTH + 1] + x * sine + y * cosine,
             through_water=states[:, SURGE : SURGE + 3],
         )
 

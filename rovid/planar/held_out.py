@@ -215,7 +215,7 @@ def window_errors(
     first = states[[begin for _, _, begin, _ in windows]]
     time = grid.time[every]
     # The change of a wandering current counts as speed over ground.
-    started = PlanarMotion.of_states(time[offsets[:-1]], first, planar.current)
+    started = PlanarMotion.of_states(time[offsets[:-1]], first, planar)
     starts = np.column_stack(list(map(started.sensor, ("heading", *AXIS_SPEEDS, "north", "east"))))
 
     def simulated(forces: FloatArray) -> FloatArray:

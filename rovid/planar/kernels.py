@@ -22,7 +22,7 @@ from rovid.planar.equations import (
     slopes,
     speed_jacobian,
 )
-from rovid.planar.model import CURRENT_INDEX, SENSORS
+from rovid.planar.model import CURRENT_INDEX, PLACE_INDEX, SENSORS
 
 # Entries of ``noise``: standard deviations of the disturbances in N and N m, their correlation times in s, the standard
 # deviation of each sensor, and the latency of each sensor in s beyond that of its stamps.
@@ -79,7 +79,9 @@ def filter_runs(
         if not yaw_only:
             x[SURGE] = starts[run, 1] - north * cosine - east * sine
             x[SURGE + 1] = starts[run, 2] + north * sine - east * cosine
-            x[NORTH], x[NORTH + 1] = starts[run, 4], starts[run, 5]
+            ahead, aside = c[PLACE_INDEX + 2], c[PLACE_INDEX + 3]
+            x[NORTH] = starts[run, 4] - ahead * cosine + aside * sine
+            x[NORTH + 1] = starts[run, 5] - ahead * sine - aside * cosine
             for k in range(2):
                 p[SURGE + k, SURGE + k] = start_std[run, 1 + k] ** 2
                 p[NORTH + k, NORTH + k] = noise[NOISE_SENSOR + 4 + k] ** 2 + start_std[run, 4 + k] ** 2
@@ -111,7 +113,7 @@ def filter_runs(
                     held = inputs[max(k - 1, offsets[run])]
                     slope = _sensor_slope(c, coupled, yaw_only, held, north, east, sensors[m], x)
                     late = noise[NOISE_LATENCY + sensors[m]] * slope
-                error[m], variance[m] = _update(north, east, noise, sensors[m], values[m] + late, x, p, column)
+                error[m], variance[m] = _update(c, noise, sensors[m], values[m] + late, x, p, column)
             if keep:
                 for j in range(STATES):
                     states[k, j] = x[j]
@@ -331,27 +333,36 @@ def _sensor_slope(  # noqa: PLR0911 - one for each sensor
 
 
 @compiled
-def _update(
-    north: float, east: float, noise: Any, sensor: int, value: float, x: Any, p: Any, column: Any
-) -> tuple[float, float]:
+def _update(c: Any, noise: Any, sensor: int, value: float, x: Any, p: Any, column: Any) -> tuple[float, float]:
     """Update state and covariance with one measurement; its innovation and variance."""
-    if sensor < 2 or sensor > 3:
-        at = HEADING if sensor == 0 else (YAW if sensor == 1 else NORTH + sensor - 4)
+    if sensor < 2:
+        at = HEADING if sensor == 0 else YAW
         predicted = x[at]
         for k in range(STATES):
             column[k] = p[at, k]
         spread = column[at]
     else:
         cosine, sine = math.cos(x[HEADING]), math.sin(x[HEADING])
-        vn, ve = north + x[CURRENT], east + x[CURRENT + 1]
+        vn, ve = c[CURRENT_INDEX] + x[CURRENT], c[CURRENT_INDEX + 1] + x[CURRENT + 1]
         ahead, across = vn * cosine + ve * sine, -vn * sine + ve * cosine
+        place = PLACE_INDEX if sensor < 4 else PLACE_INDEX + 2
+        lx, ly = c[place], c[place + 1]
+        by_north, by_east, by_rate = 0.0, 0.0, 0.0
         if sensor == 2:
-            at, predicted, by_heading, by_north, by_east = 1, x[1] + ahead, across, cosine, sine
+            at, predicted, by_heading = 1, x[1] + ahead - ly * x[YAW], across
+            by_north, by_east, by_rate = cosine, sine, -ly
+        elif sensor == 3:
+            at, predicted, by_heading = 2, x[2] + across + lx * x[YAW], -ahead
+            by_north, by_east, by_rate = -sine, cosine, lx
+        elif sensor == 4:
+            at, predicted, by_heading = NORTH, x[NORTH] + lx * cosine - ly * sine, -lx * sine - ly * cosine
         else:
-            at, predicted, by_heading, by_north, by_east = 2, x[2] + across, -ahead, -sine, cosine
+            at, predicted, by_heading = NORTH + 1, x[NORTH + 1] + lx * sine + ly * cosine, lx * cosine - ly * sine
         for k in range(STATES):
-            column[k] = p[at, k] + by_heading * p[0, k] + by_north * p[CURRENT, k] + by_east * p[CURRENT + 1, k]
-        spread = column[at] + by_heading * column[0] + by_north * column[CURRENT] + by_east * column[CURRENT + 1]
+            column[k] = p[at, k] + by_heading * p[0, k] + by_rate * p[YAW, k]
+            column[k] += by_north * p[CURRENT, k] + by_east * p[CURRENT + 1, k]
+        spread = column[at] + by_heading * column[0] + by_rate * column[YAW]
+        spread += by_north * column[CURRENT] + by_east * column[CURRENT + 1]
     error, variance = value - predicted, spread + noise[NOISE_SENSOR + sensor] ** 2
     gain = error / variance
     for i in range(STATES):

@@ -28,7 +28,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects import PLANAR_FORMS, Effect
-from rovid.effects.base import Coupling, OnCommand, Values, WaterCurrent
+from rovid.effects.base import Coupling, OnCommand, SensorPlace, Values, WaterCurrent
 from rovid.model.actuator_model import ActuatorModel, CommandSeries
 from rovid.model.bound_effects import BoundEffect
 from rovid.model.parameter_names import PLANAR_UNITS, RUDDER_UNITS
@@ -55,7 +55,9 @@ _COUNTS = [len(form.parameters) for form in COUPLINGS]
 COUPLING_INDEX: Mapping[str, int] = {form.key: BASE_COUNT + sum(_COUNTS[:at]) for at, form in enumerate(COUPLINGS)}
 # Index of the current's north and east parts in m/s, and of its wander: standard deviation in m/s, correlation time.
 CURRENT_INDEX = BASE_COUNT + sum(_COUNTS)
-RUDDER_INDEX = CURRENT_INDEX + 4
+# Index of the places ahead and to starboard in m of the velocity log, and of the antenna.
+PLACE_INDEX = CURRENT_INDEX + 4
+RUDDER_INDEX = PLACE_INDEX + 4
 # Coefficients of a rudder: position in m ahead and to starboard, lift in N s^2/m^2, stall angle in rad, slipstream in
 # m^2/(N s^2), straightening and its asymmetry.
 RUDDER_COUNT = 7
@@ -72,7 +74,7 @@ _PART, _MOST_PARTS = 0.02, 8
 
 def is_of_actuators(effect: Effect) -> bool:
     """Whether an effect of the planar model acts between command and thrust."""
-    return not isinstance(effect.acts, Coupling | WaterCurrent)
+    return not isinstance(effect.acts, Coupling | WaterCurrent | SensorPlace)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,6 +159,18 @@ class PlanarModel:
         north, east = self.coefficients[CURRENT_INDEX : CURRENT_INDEX + 2]
         return float(north), float(east)
 
+    def place_of(self, sensor: str) -> tuple[float, float]:
+        """Place in m ahead and to starboard of a velocity log or an antenna, by the name of its sensor."""
+        first = PLACE_INDEX + 2 * (sensor in {"north", "east"})
+        ahead, starboard = self.coefficients[first : first + 2]
+        return float(ahead), float(starboard)
+
+    @property
+    def of_vehicle(self) -> Self:
+        """The model with its sensors at the origin."""
+        kept = tuple(one for one in self.effects if not isinstance(one.effect.acts, SensorPlace))
+        return replace(self, effects=kept)
+
     @property
     def actuator_effects(self) -> tuple[BoundEffect, ...]:
         """Effects between command and thrust."""
@@ -176,6 +190,9 @@ class PlanarModel:
                 speed, direction, *wander = one.parameters.tolist()
                 numbers[CURRENT_INDEX : CURRENT_INDEX + 2] = speed * np.cos(direction), speed * np.sin(direction)
                 numbers[CURRENT_INDEX + 2 : CURRENT_INDEX + 2 + len(wander)] = wander
+            elif isinstance(one.effect.acts, SensorPlace):
+                first = PLACE_INDEX + 2 * ("north" in one.effect.acts.sensors)
+                numbers[first : first + 2] = one.parameters
         for at, rudder in enumerate(self.rudders):
             first = RUDDER_INDEX + RUDDER_COUNT * at
             own = rudder.lift, rudder.stall, rudder.slipstream, rudder.straightening, rudder.asymmetry

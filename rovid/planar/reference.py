@@ -101,6 +101,11 @@ def filter_innovations(
         ahead, across = north * cosine + east * sine, east * cosine - north * sine
         known = {"heading": x[0], "yaw_rate": x[3], "north": x[9], "east": x[10]}
         known |= {"surge_velocity": x[1] + ahead, "sway_velocity": x[2] + across}
+        (lx, ly), (ax, ay) = map(model.place_of, ("surge_velocity", "north"))
+        known["surge_velocity"] -= ly * x[3]
+        known["sway_velocity"] += lx * x[3]
+        known["north"] += ax * cosine - ay * sine
+        known["east"] += ax * sine + ay * cosine
         return float(known[sensor])
 
     def derivative(function: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:
@@ -112,6 +117,8 @@ def filter_innovations(
     x[[0, 3, 9, 10]] = start[[0, 3, 4, 5]]
     x[1] = start[1] - constant[0] * cosine - constant[1] * sine
     x[2] = start[2] + constant[0] * sine - constant[1] * cosine
+    lx, ly = model.place_of("north")
+    x[9:11] -= lx * cosine - ly * sine, lx * sine + ly * cosine
     stds = [sensor_noise["heading"], *start_std, *disturbance[0], wander[0], wander[0]]
     p[np.diag_indices(11)] = np.square([*stds, sensor_noise["north"], sensor_noise["east"]])
     found = []

@@ -188,7 +188,9 @@ def _simulated(
     model: PlanarModel, system: SteeringSystem, start: FloatArray, steering: FloatArray, step: float
 ) -> Track:
     """Motion from (6,) ``start`` (heading, u, v, r, north, east; u is set on a straight course), in still water."""
-    still = replace(model, effects=tuple(one for one in model.effects if one.effect.id != "current"))
+    still = replace(
+        model.of_vehicle, effects=tuple(one for one in model.of_vehicle.effects if one.effect.id != "current")
+    )
     first = start.copy()
     if not first[1:4].any():
         first[1] = system.approach_speed

@@ -24,7 +24,7 @@ from rovid.planar.model import BASE_COUNT, INPUT_COUNT, RUDDER_INPUTS, PlanarMod
 from rovid.planar.optimum import PlanarOptimum
 
 # Widths of the smoothing kernel in intervals of the slowest sensor.
-_WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+_WIDTHS, _FEW_WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0), (2.0, 4.0, 8.0)
 # Stall angle of a rudder where rovid.toml gives none.
 _STALL = math.radians(35.0)
 # Currents of the search: speeds in shares of the RMS speed, and number of directions.
@@ -77,20 +77,8 @@ def start_values(data: dataset.PlanarData, *, with_current: bool) -> list[StartV
     DataError
         The runs are too short, or nothing moves.
     """
-    intervals = [
-        float(np.median(np.diff(run.readings(name).time)))
-        for run in data.runs
-        for name in run.sensors
-        if len(run.readings(name).time) > 2
-    ]
-    if not intervals:
-        raise DataError("no run has three readings of one sensor.", mend="Give longer logs.")
-    found = []
-    for width in _WIDTHS:
-        runs = [smooth for run in data.runs if (smooth := dataset.smooth_run(run, width * max(intervals))) is not None]
-        if sum(len(run.time) for run in runs) < 4 * BASE_COUNT:
-            break
-        axes = np.array(dataset.measured_axes(data.sensors))
+    axes, found = np.array(dataset.measured_axes(data.sensors)), []
+    for runs in _smoothed(data, _WIDTHS):
         start = _start(data, dataset.SmoothRun.stacked(runs, _MOST_POINTS), axes, with_current=with_current)
         if dataset.has_hidden_sway(data):
             slips = np.array([rudder.slipstream for rudder in start.model.rudders])
@@ -106,6 +94,33 @@ def start_values(data: dataset.PlanarData, *, with_current: bool) -> list[StartV
     if data.prior is not None:
         found.append(replace(found[0], model=data.prior.start(found[0].model)))
     return found
+
+
+def _smoothed(data: dataset.PlanarData, widths: Sequence[float]) -> Iterator[list[dataset.SmoothRun]]:
+    """The runs through kernels of these ``widths`` in intervals of the slowest sensor, while they are long enough."""
+    intervals = [
+        float(np.median(np.diff(run.readings(name).time)))
+        for run in data.runs
+        for name in run.sensors
+        if len(run.readings(name).time) > 2
+    ]
+    if not intervals:
+        raise DataError("no run has three readings of one sensor.", mend="Give longer logs.")
+    for width in widths:
+        runs = [smooth for run in data.runs if (smooth := dataset.smooth_run(run, width * max(intervals))) is not None]
+        if sum(len(run.time) for run in runs) < 4 * BASE_COUNT:
+            return
+        yield runs
+
+
+def unexplained_share(data: dataset.PlanarData, *, with_current: bool) -> float:
+    """Least share of the variance of the forces that a regression leaves; infinite for runs that are too short.
+
+    Raises DataError if nothing moves.
+    """
+    axes = np.array(dataset.measured_axes(data.sensors))
+    rows = (dataset.SmoothRun.stacked(runs, _FEW_POINTS) for runs in _smoothed(data, _FEW_WIDTHS))
+    return min((_start(data, one, axes, with_current=with_current).residual for one in rows), default=math.inf)
 
 
 def _with_sway(runs: Sequence[dataset.SmoothRun], start: StartValues) -> Iterator[dataset.SmoothRun]:

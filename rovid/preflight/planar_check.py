@@ -11,110 +11,16 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import RovidError
 from rovid.core.formatting import plus_minus
-from rovid.planar.dataset import PlanarData, PlanarRun, SmoothRun, measured_axes, planar_data, sensor_noise, smooth_run
+from rovid.planar.dataset import PlanarData, SmoothRun, measured_axes, planar_data, sensor_noise, smooth_run
 from rovid.preflight.advice import Advice
 from rovid.preflight.check import read_each_log, verdict_of
+from rovid.preflight.planar_signs import wrong_entries
+from rovid.preflight.sensor_lags import CORRELATED, SCALES, SensorLag, sensor_lags
 from rovid.readers.campaign import examine_campaign
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault, stopping
-from rovid.trial.rates import integral
 from rovid.trial.segments import gap_limit
 from rovid.trial.trial import Campaign, Remark, Trial
-
-# s; largest latency that is searched for, number of latencies to each side, and length of a window.
-_MOST, _COUNT, _WINDOW = 1.5, 60, 20.0
-# Windows that an estimate needs, and readings of each sensor in a window.
-_FEWEST_WINDOWS, _FEWEST_READINGS = 4, 8
-# Groups of windows, one of which is left out at a time for the standard error.
-_GROUPS = 10
-
-
-@dataclass(frozen=True, kw_only=True)
-class SensorLag:
-    """How late a position is against a rate, and the scale between them."""
-
-    late: str  #: Name of the position.
-    against: str  #: Name of the rate.
-    seconds: float
-    standard_error: float  #: s, from windows that are left out in turn.
-    scale: float  #: Change of the position over the integral of the rate: 1 if units and signs agree.
-    correlation: float  #: Of both changes.
-
-
-def sensor_lags(runs: Sequence[PlanarRun]) -> Iterator[SensorLag]:
-    """Latency of the heading against the yaw rate, and of north and east against surge and sway velocity."""
-    pairs = {
-        ("heading", "yaw_rate"): [("heading", "yaw_rate")],
-        ("position", "velocity"): [("north", "north"), ("east", "east")],
-    }
-    for (late, against), signals in pairs.items():
-        windows = [sums for run in runs for position, rate in signals for sums in _windows(run, position, rate)]
-        if len(windows) < _FEWEST_WINDOWS:
-            continue
-        sums = np.array(windows)  # (w, 3, lags): squares of the position, products, squares of the integral.
-        at, scale, correlation = _best(sums.sum(axis=0))
-        groups = np.arange(len(sums)) % min(_GROUPS, len(sums))
-        others = [_best(sums[groups != group].sum(axis=0))[0] for group in np.unique(groups)]
-        count = len(others)
-        error = float(np.sqrt((count - 1) / count * np.sum((np.array(others) - np.mean(others)) ** 2)))
-        yield SensorLag(
-            late=late, against=against, seconds=at, standard_error=error, scale=scale, correlation=correlation
-        )
-
-
-def _windows(run: PlanarRun, position: str, rate: str) -> Iterator[FloatArray]:
-    """(3, lags) sums of each window, without mean and trend."""
-    time, turned = _integral(run, rate)
-    if position not in run.sensors or len(time) < _FEWEST_READINGS:
-        return
-    readings = run.readings(position)
-    lags = np.linspace(-_MOST, _MOST, 2 * _COUNT + 1)
-    gap = 5.0 * float(np.median(np.diff(time)))
-    for begin in np.arange(time[0] + _MOST, time[-1] - _MOST - _WINDOW, _WINDOW):
-        inside = (readings.time >= begin) & (readings.time < begin + _WINDOW)
-        near = time[(time >= begin - _MOST) & (time < begin + _WINDOW + _MOST)]
-        if inside.sum() < _FEWEST_READINGS or len(near) < _FEWEST_READINGS or np.diff(near).max() > gap:
-            continue
-        stamps, values = readings.time[inside], readings.values[inside]
-        trend = np.column_stack((np.ones(len(stamps)), stamps - stamps.mean()))
-        basis, _ = np.linalg.qr(trend)
-        moved = np.interp(stamps[:, None] - lags, time, turned)
-        moved -= basis @ (basis.T @ moved)
-        values = values - basis @ (basis.T @ values)
-        yield np.stack((np.full(len(lags), values @ values), values @ moved, np.einsum("ij,ij->j", moved, moved)))
-
-
-def _integral(run: PlanarRun, rate: str) -> tuple[FloatArray, FloatArray]:
-    """Instants, and the integral of the yaw rate, or of the velocity over ground to north or east."""
-    needed = ("yaw_rate",) if rate == "yaw_rate" else ("surge_velocity", "sway_velocity", "heading")
-    if not set(needed) <= set(run.sensors):
-        return np.zeros(0), np.zeros(0)
-    first = run.readings(needed[0])
-    values = first.values
-    if rate != "yaw_rate":
-        sway, heading = run.readings("sway_velocity"), run.readings("heading")
-        across = np.interp(first.time, sway.time, sway.values)
-        course = np.interp(first.time, heading.time, heading.values)
-        cos, sin = np.cos(course), np.sin(course)
-        values = values * cos - across * sin if rate == "north" else values * sin + across * cos
-    return first.time, integral(first.time, values)
-
-
-def _best(sums: FloatArray) -> tuple[float, float, float]:
-    """Latency in s, scale and correlation by least squares, between the latencies tried by a parabola."""
-    lags = np.linspace(-_MOST, _MOST, 2 * _COUNT + 1)
-    squares, products, moved = sums
-    gain = products * np.abs(products) / np.maximum(moved, 1e-300)
-    best = int(np.argmax(np.abs(gain)))
-    at = float(lags[best])
-    if 0 < best < len(lags) - 1:
-        left, middle, right = np.abs(gain[best - 1 : best + 2])
-        bend = left - 2.0 * middle + right
-        if bend < 0.0:
-            at += 0.5 * (left - right) / bend * float(lags[1] - lags[0])
-    scale = float(products[best] / max(moved[best], 1e-300))
-    return float(at), scale, float(products[best] / np.sqrt(max(squares[best] * moved[best], 1e-300)))
-
 
 AXES = ("surge", "sway", "yaw")
 # Smoothing of the motion, in intervals of the slowest sensor.
@@ -125,10 +31,8 @@ _OWN_SHARE = 0.04
 _FEWEST_POINTS = 40
 # deg; spread of headings under way that separates a current from a steady force.
 _HEADING_SPREAD = 90.0
-# Standard errors, and s, from which a latency is reported; scales between sensors that units or signs explain.
-_SIGMAS, _LEAST_LAG, _SCALES = 4.0, 0.03, (0.8, 1.25)
-# Correlation of two sensors below which their agreement says nothing.
-_CORRELATED = 0.7
+# Standard errors, and s, from which a latency is reported.
+_SIGMAS, _LEAST_LAG = 4.0, 0.03
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,7 +104,9 @@ def check_planar_trials(
     lags = tuple(sensor_lags(data.runs))
     smooth = _smoothed(data)
     axes = tuple(_axes(data, smooth))
-    advice = [*_guesses(config), *_disagreements(lags), *_unmeasured(axes), *_missing_runs(data, smooth)]
+    wrong = list(wrong_entries(data))
+    advice = [*_guesses(config), *wrong, *([] if wrong else _disagreements(lags)), *_unmeasured(axes)]
+    advice += _missing_runs(data, smooth)
     order = ("grave", "care", "aside")
     return PlanarCheck(
         trials=tuple(usable),
@@ -268,9 +174,9 @@ def _guesses(config: Config) -> Iterator[Advice]:
 def _disagreements(lags: Sequence[SensorLag]) -> Iterator[Advice]:
     """Latencies that show, and sensors that differ in sign or unit."""
     for one in lags:
-        if abs(one.correlation) < _CORRELATED:
+        if abs(one.correlation) < CORRELATED:
             continue
-        if not _SCALES[0] < one.scale < _SCALES[1]:
+        if not SCALES[0] < one.scale < SCALES[1]:
             fault = "of the other sign" if one.scale < 0.0 else f"{one.scale:.2f} times as large"
             text = f"Correct sign or unit in rovid.toml: the changes of the {one.late} are {fault} as the {one.against}"
             text += " gives them." if one.scale > 0.0 else ", compared to what the signals should give."

@@ -125,7 +125,7 @@ class _Builder:
             for command, thruster in zip(commands, self.config.vehicle.thrusters, strict=True)
         ])  # fmt: skip
         start = float(base.time[0])
-        places = {name: signal.position for name, signal in self.config.signals.items()}
+        places = {name: signal.position or (0.0, 0.0) for name, signal in self.config.signals.items()}
         readings, remarks = planar_readings(series, base.time, position, places, wanted=self.config.vehicle.planar)
         self.remarks += remarks
         trial = Trial(

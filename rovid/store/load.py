@@ -98,6 +98,7 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
             for name, written in document.get("plugins", {}).items()
         },
         undetermined=tuple(undetermined),
+        missing=str(document.get("missing", "")),
     )
 
 

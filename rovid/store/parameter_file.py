@@ -94,12 +94,15 @@ class Parameters:
     #: parameters in it that a simulation uses, which the logs neither support nor contradict.
     undetermined: tuple[OpenCombination, ...] = ()
     assumed: Mapping[str, float] = field(default_factory=dict)
+    missing: str = ""  #: Clause on what the coupled model misses; empty where it explains the logs.
     #: Id of each effect outside the catalogue -> the plug-in that its values were fitted with.
     plugins: Mapping[str, Origin] = field(default_factory=dict)
 
     def cleared(self) -> Self:
         """A copy without parameters; the paths of the logs stay."""
-        return replace(self, entries={}, covariance={}, sources=(), settings=None, undetermined=(), assumed={})
+        return replace(
+            self, entries={}, covariance={}, sources=(), settings=None, undetermined=(), assumed={}, missing=""
+        )
 
     def with_estimate(self, estimate: Estimate, provenance: Provenance | None = None) -> Self:
         """A copy with the parameters of ``estimate`` added or replaced."""
@@ -281,6 +284,7 @@ class Parameters:
             "vehicle": self.vehicle,
             **axis,
             "logs": [_relative(path, self.path.parent) for path in self.logs],
+            **({"missing": self.missing} if self.missing else {}),
             "parameters": {name: self._written(self.entries[name]) for name in names},
             **({"assumed": dict(self.assumed)} if self.assumed else {}),
             **({"undetermined": list(map(asdict, self.undetermined))} if self.undetermined else {}),

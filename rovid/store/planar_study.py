@@ -321,6 +321,7 @@ def with_fit(stored: Parameters, fit: PlanarFit, provenance: Provenance | None =
     return replace(
         stored.with_estimate(estimate, provenance),
         undetermined=open_combinations(fit),
+        missing=fit.missing,
         assumed={name: estimate.value(name) for name in estimate.names if name in estimate.refused},
     )
 
@@ -336,5 +337,6 @@ def planar_study_of(campaign: Campaign, config: Config) -> PlanarStudy:
     logs = study_of(campaign, config, planar=True)
     trials = () if logs.runs is None else tuple(run.trial for run in logs.runs.items)
     campaign = replace(campaign, trials=trials)
-    data = replace(planar_data(campaign, logs.vehicle), prior=planar_prior(config))
+    placed = frozenset(name for name, signal in config.signals.items() if signal.position is not None)
+    data = replace(planar_data(campaign, logs.vehicle), prior=planar_prior(config), placed=placed)
     return PlanarStudy(logs=replace(logs, campaign=campaign), data=data)

@@ -232,14 +232,14 @@ class Signal:
     unit: str = ""  #: As written by the user.
     factor: float = 1.0  #: Factor from the logged value to SI, with the sign.
     optional: bool = False  #: A log may lack the signal.
-    #: m ahead and to starboard of the origin, where the sensor measures; of the coupled model.
-    position: tuple[float, float] = (0.0, 0.0)
+    #: m ahead and to starboard of the origin, where the sensor measures; of the coupled model. None where not given.
+    position: tuple[float, float] | None = None
 
     def __str__(self) -> str:
         """Sources, unit and sense; stored in parameter files, so its wording must not change."""
         places = [f"{kind} {source}" for kind, source in self.sources.items()]
         further = [*filter(None, [self.unit]), *["turned around"] * (self.factor < 0.0)]
-        if any(self.position):
+        if self.position is not None and any(self.position):
             further.append(f"at {self.position[0]:g} m ahead and {self.position[1]:g} m to starboard")
         return ", ".join([*places, *further])
 

@@ -73,7 +73,7 @@ class ConfigValues:
         if not isinstance(entry, dict) or not entry:
             raise self.error(place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.')
         self.require_known(entry, (*KINDS, "unit", "sign", *["position"] * (name in _PLACED_SIGNALS)), place)
-        position = self.place_of(entry, place) if "position" in entry else (0.0, 0.0)
+        position = self.place_of(entry, place) if "position" in entry else None
         for key, text in entry.items():
             if key not in {"sign", "position"} and not isinstance(text, str):
                 raise self.error(f"{place} {key}", f"is {text!r}; text was expected.")

@@ -28,6 +28,7 @@ FAULT_IDS = (
     "stale_commands",
     "heading_gaps",
     "heading_step",
+    "position_step",
     "several_releases",
     "idle_ends",
     "same_run_twice",

@@ -28,6 +28,8 @@ VALUES = {
     "speed_dependent_damping:planar": (3.0, 10.0),
     "speed_dependent_damping:planar_quadratic": (3.0, 10.0),
     "bias_torque:planar": (1.0, -2.0, 0.3),
+    "sensor_place": (0.4, -0.3),
+    "sensor_place:antenna": (0.4, -0.3),
 }
 
 

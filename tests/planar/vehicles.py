@@ -28,6 +28,7 @@ class Truth:
     noise: dict[str, tuple[float, float]] = field(default_factory=dict)  #: Sensor -> noise, interval in s.
     disturbance: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: N, N, N m.
     memory: float = 3.0  #: s.
+    place: tuple[float, float] = (0.0, 0.0)  #: m; of the velocity log.
 
     def vehicle(self) -> Vehicle:
         curve = ThrustCurve(command=np.array([-1.0, 1.0]), thrust=np.array([-1.0, 1.0]))
@@ -116,8 +117,8 @@ def campaign(truth: Truth, *, runs: int, levels: int, hold: float, seed: int) ->
         values = {
             "heading": psi,
             "yaw_rate": states[:, 3],
-            "surge_velocity": states[:, 1] + north * np.cos(psi) + east * np.sin(psi),
-            "sway_velocity": states[:, 2] - north * np.sin(psi) + east * np.cos(psi),
+            "surge_velocity": states[:, 1] + north * np.cos(psi) + east * np.sin(psi) - truth.place[1] * states[:, 3],
+            "sway_velocity": states[:, 2] - north * np.sin(psi) + east * np.cos(psi) + truth.place[0] * states[:, 3],
             "north": states[:, 4],
             "east": states[:, 5],
         }

@@ -270,7 +270,9 @@ def planar_comparison_document(comparison: PlanarComparison, warnings: Sequence[
     for change in comparison.changes:
         entries = {"a": change.a, "b": change.b}
         sides = {side: value_document(one.value, one.unit, one.standard_error) for side, one in entries.items()}
-        document = {**sides, "ratio": change.ratio, "standard_error": change.standard_error}
+        document = {**sides, **_known({"ratio": change.ratio, "standard_error": change.standard_error})}
+        if math.isfinite(change.difference):
+            document["difference"] = change.difference
         parameters[change.name] = document | {"confidence": change.confidence} | sname_document(change.name)
     return {
         "schema": "rovid-comparison/1",
@@ -280,6 +282,11 @@ def planar_comparison_document(comparison: PlanarComparison, warnings: Sequence[
         "parameters": parameters,
         "changed": comparison.changed,
         "causes": {"a": comparison.a.parameters.effects, "b": comparison.b.parameters.effects},
+        "open": comparison.open_questions,
+        "suspects": {
+            side: [{"effect": one.effect.id, "confidence": one.probability} for one in campaign.suspects]
+            for side, campaign in (("a", comparison.a), ("b", comparison.b))
+        },
         "prediction": {
             f"{model}_on_{runs}": {
                 f"{speed}_{measure}": getattr(fit, measure) for speed, fit in fits.items() for measure in ("r2", "rmse")

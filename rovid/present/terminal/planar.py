@@ -233,6 +233,8 @@ def show_planar_comparison(console: Console, comparison: PlanarComparison, warni
     for change in comparison.changes:
         a, b = (plus_minus(one.value, one.standard_error) for one in (change.a, change.b))
         ratio = plus_minus(change.ratio, change.standard_error) if math.isfinite(change.ratio) else DASH
+        if math.isfinite(change.difference):
+            ratio = f"{plus_minus(*map(math.degrees, (change.difference, change.standard_error)))} deg more"
         table.add_row(change.name, a, b, unit_symbol(change.a.unit), ratio, format_number(change.confidence, ".3f"))
     table.print(console, guess)
     if comparison.predictions:

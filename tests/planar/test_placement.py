@@ -1,0 +1,58 @@
+"""A velocity log away from the origin, without its place in rovid.toml."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rovid.effects import effect_named
+from rovid.planar.effect_fits import planar_candidates
+from rovid.planar.fit import fit_base
+from rovid.planar.free_runs import simulate_planar
+from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.placement import place_entries, proposed_places
+from tests.planar.vehicles import box_rov, campaign
+
+PLACE = effect_named("sensor_place")
+
+
+def test_a_place_that_is_not_given_is_found_and_proposed() -> None:
+    truth = box_rov(3, place=(0.3, -0.15))
+    data = campaign(truth, runs=2, levels=6, hold=4.0, seed=2)
+    base = fit_base(data)
+    placed = base.with_effect(PLACE)
+    assert base.value - placed.value > 100.0
+    estimate = placed.effect_estimate(PLACE)
+    for name, true in zip(estimate.names, truth.place, strict=True):
+        assert abs(estimate.value(name) - true) < 4.0 * estimate.standard_error(name)  # 4 sigma, fixed seed
+    (text,) = proposed_places(base, data)
+    assert "at surge_velocity and sway_velocity in [signals]" in text
+    assert "rovid diagnose" in text
+    (entry,) = place_entries(estimate, (PLACE,))
+    assert "write position = [0.2995, -0.1518] at" in entry
+    assert not list(proposed_places(placed, data))
+    # With a place in rovid.toml it is no candidate.
+    given = replace(data, placed=frozenset({"surge_velocity", "sway_velocity"}))
+    assert PLACE in planar_candidates(data)
+    assert PLACE not in planar_candidates(given)
+    assert not list(proposed_places(base, given))
+
+
+def test_a_sound_fit_gets_no_proposal() -> None:
+    data = campaign(box_rov(3), runs=2, levels=6, hold=4.0, seed=2)
+    assert not list(proposed_places(fit_base(data), data))
+
+
+def test_a_simulation_begins_where_the_sensors_read() -> None:
+    """The start of a simulation is a reading at the place of the sensor."""
+    data = campaign(box_rov(3), runs=1, levels=2, hold=4.0, seed=2)
+    placed = fit_base(data).with_effect(PLACE, iterations=1)
+    x = placed.x.copy()
+    x[placed.place(PLACE)] = np.array([0.4, -0.2]) / placed.coordinates.units[placed.place(PLACE)]
+    model = PlanarOptimum(placed.likelihood, x, 0.0).model
+    start = np.array([0.3, 0.5, 0.1, 0.4, 0.0, 0.0])
+    moved = simulate_planar(model, data.runs[0], start)
+    assert (moved.surge_velocity[0], moved.sway_velocity[0]) == (0.5, 0.1)
+    # The origin moves by the rate times the place less.
+    np.testing.assert_allclose(moved.through_water[0], [0.5 - 0.2 * 0.4, 0.1 - 0.4 * 0.4, 0.4], atol=1e-12)
