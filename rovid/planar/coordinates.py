@@ -14,7 +14,8 @@ from rovid.effects.base import Scales
 from rovid.estimate.fisher_information import Innovations
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.kernels import NOISE_COUNT, NOISE_LATENCY, NOISE_SENSOR
-from rovid.planar.model import BASE_COUNT, SENSORS, PlanarModel, RudderModel, from_log_cholesky, log_cholesky
+from rovid.planar.log_cholesky import from_log_cholesky, log_cholesky
+from rovid.planar.model import BASE_COUNT, SENSORS, PlanarModel, RudderModel
 
 # Half range of the log inertias about those of the best regression: a factor of 30. Those of sway and yaw are half
 # logarithms. The last is that of their coupling.

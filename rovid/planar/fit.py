@@ -23,7 +23,7 @@ from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.placement import place_entries, proposed_places
 from rovid.planar.prior import PriorUse
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values, with_own_sizes
-from rovid.planar.uncertainty import LOOSER, parameter_scale, total_covariance, yaw_alone_covariance
+from rovid.planar.uncertainty import LOOSER, misfit_variance, parameter_scale, total_covariance, yaw_alone_covariance
 
 _METHOD = "maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together"
 _METHOD_FREE_RUNS = "least squares of free-running simulations over some time constants, surge, sway and yaw together"
@@ -270,6 +270,8 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         covariance = covariance + yaw_alone_covariance(data, best)
     free = coordinates.free[: coordinates.noise_begin]
     names, scale = model.names, parameter_scale(best)
+    r2 = free_run_r2(model, data, yaw_only=best.likelihood.grid.yaw_only)
+    covariance = covariance + np.diag(misfit_variance(best, r2, scale))
     is_ship = SHIP in {effect.key for effect in best.effects}
     covariance = with_shape_error(model, covariance) if is_ship else covariance
     undetermined, unknown = undetermined_directions(names, covariance, scale, free)
@@ -281,7 +283,6 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     refused |= dict(_lighter_than_rigid(data.vehicle.mass, model, np.sqrt(np.diag(covariance)), refused))
     prior = PriorUse.of(best, covariance, scale, refused)
     latency = _shown_latency(best)
-    r2 = free_run_r2(model, data, yaw_only=best.likelihood.grid.yaw_only)
     estimate = Estimate(
         names=names,
         values=model.values,

@@ -296,6 +296,7 @@ class PlanarSearch:
             self.budget.tell("Fitting", done, len(chosen), since)
             forms = [test for test in group if not _wanders(test.effect)]
             found += [self.extended(fitted, test) for test in forms[:_FORMS]]
+        found = [one for one in found if not self.is_unresolved(one)]
         wandering = [test for test in tests if _wanders(test.effect)]
         best = max(found, key=self.score, default=fitted)
         # A current wanders only where a constant one explains most.
@@ -308,6 +309,11 @@ class PlanarSearch:
         if len(close) > 1:
             found = [*map(self.polish, close[:_POLISHED]), *(one for one in found if one not in close[:_POLISHED])]
         return sorted(found, key=lambda one: -self.score(one))
+
+    def is_unresolved(self, fitted: PlanarOptimum) -> bool:
+        """Whether the last effect is a time below the usual interval of the logs, which they do not resolve."""
+        size, value = fitted.effects[-1].parameters[0], fitted.model.value(fitted.effects[-1].parameter_names[0])
+        return size.unit == "s" and 0.0 < value < min(float(np.median(np.diff(run.time))) for run in self.data.runs)
 
     def run(self, start: PlanarOptimum) -> PlanarOptimum:
         """Add and remove causes from ``start`` on, until the model no longer changes."""

@@ -1,16 +1,17 @@
 """Covariance of a planar fit with the uncertainty of its disturbance, and the sizes that its errors are compared to."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.estimate.fisher_information import inverse_information
-from rovid.estimate.maximum_likelihood import fit_likelihood
+from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, fit_likelihood
 from rovid.planar.dataset import PlanarData
 from rovid.planar.kernels import NOISE_SENSOR
-from rovid.planar.model import BASE_COUNT
+from rovid.planar.model import AXIS_NAMES, BASE_COUNT
 from rovid.planar.optimum import PlanarOptimum
 from rovid.trial.preprocessing import prepare_trials
 
@@ -74,6 +75,27 @@ def yaw_alone_covariance(data: PlanarData, best: PlanarOptimum) -> FloatArray:
     shift = (own.values[other] - best.model.values[at]) * (not best.effects)
     added[np.ix_(at, at)] = own.covariance[np.ix_(other, other)] + np.outer(shift, shift)
     return added
+
+
+def misfit_variance(best: PlanarOptimum, r2: Mapping[str, float], scale: FloatArray) -> FloatArray:
+    """(q,) further variance of the parameters of axes where the model misses a force: its disturbance is at its limit.
+
+    A missing force with the share f of all forces moves the coefficient of a force, to which it has the correlation c,
+    by f c of its ``scale``, at which that force is as large as all (specification error; Theil 1957). The root of
+    1 - ``r2`` of the free-running speed stands for f, and any value between -1 and 1 for c: its variance is 1/3.
+    """
+    limited = dict(zip(AXIS_NAMES, best.limited.tolist(), strict=True))
+    shares = {name: 1.0 - value for name, value in r2.items() if value < INNOVATIONS_R2 and limited[name]}
+    own = [
+        max(
+            (share for axis, share in shares.items() if axis in ("sway_yaw" if name.startswith("rudder") else name)),
+            default=0.0,
+        )
+        for name in best.coordinates.base_names
+    ]
+    found = np.zeros(len(scale))
+    found[: len(own)] = np.minimum(own, 1.0)
+    return np.asarray(found * scale**2 / 3.0)
 
 
 def parameter_scale(best: PlanarOptimum) -> FloatArray:

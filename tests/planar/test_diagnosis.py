@@ -104,6 +104,17 @@ def test_a_candidate_that_diverges_loses_and_the_search_goes_on(small: Small, mo
     assert search.run(base) is base
 
 
+@pytest.mark.parametrize(("seconds", "is_unresolved"), [(0.02, True), (0.2, False), (0.0, False)])
+def test_a_time_that_the_logs_do_not_resolve_is_no_cause(small: Small, seconds: float, is_unresolved: bool) -> None:
+    (data, base), effect = small, effect_named("thruster_lag")
+    coordinates, at = base.coordinates.with_effect(effect), base.coordinates.noise_begin
+    likelihood = base.likelihood.with_coordinates(coordinates)
+    fitted = PlanarOptimum(likelihood, np.insert(base.x, at, seconds / coordinates.units[at]), base.value)
+    # The rows of the logs are 0.05 s apart.
+    search = PlanarSearch(data, base, (effect,), Budget())
+    assert search.is_unresolved(fitted) == is_unresolved
+
+
 def test_a_model_is_no_less_likely_than_it_is_within_a_larger_one(small: Small) -> None:
     (data, base), effect = small, effect_named("bias_torque:planar")
     at, coordinates = base.coordinates.noise_begin, base.coordinates.with_effect(effect)

@@ -12,7 +12,8 @@ from rovid.core.array_types import FloatArray
 from rovid.effects import PLANAR_FORMS, effect_named
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar import equations, kernels, reference
-from rovid.planar.model import SENSORS, PlanarModel, RudderModel, from_log_cholesky, log_cholesky
+from rovid.planar.log_cholesky import from_log_cholesky, log_cholesky
+from rovid.planar.model import SENSORS, PlanarModel, RudderModel
 
 BASE = np.array([30.0, 45.0, 3.0, 2.0, 10.0, 20.0, 2.0, 15.0, 40.0, 4.0])
 SPEEDS = np.array([0.5, 0.3, 0.4])

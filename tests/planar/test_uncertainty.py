@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values
-from rovid.planar.uncertainty import total_covariance
+from rovid.planar.uncertainty import misfit_variance, total_covariance
 from tests.planar.vehicles import Truth, campaign, torpedo
 
 
@@ -31,6 +33,25 @@ def calm() -> tuple[PlanarData, PlanarOptimum]:
     )
     data = campaign(truth, runs=1, levels=8, hold=5.0, seed=21)
     return data, fit_base(data)
+
+
+def test_axes_that_miss_a_force_have_the_errors_of_a_specification_error() -> None:
+    """A regression that lacks a force of any correlation is as far from the truth as the error says."""
+    names = ("surge.inertia", "sway.inertia", "yaw.inertia", "sway_yaw.inertia", "rudder.r.lift")
+    best: Any = SimpleNamespace(
+        limited=np.array([True, True, False]), coordinates=SimpleNamespace(base_names=names), model=None
+    )
+    found = misfit_variance(best, {"surge": 0.64, "sway": 0.97, "yaw": 0.5}, np.full(6, 2.0))
+    rng, count = np.random.default_rng(3), 4000
+    known = rng.normal(size=count)
+    errors = []
+    for correlation in rng.uniform(-1.0, 1.0, 2000):
+        # The missing force has the share 0.6 of the forces, whose squares are 1 - 0.64.
+        missing = 0.6 * (correlation * known + np.sqrt(1.0 - correlation**2) * rng.normal(size=count))
+        errors.append(2.0 * float(known @ missing / (known @ known)))
+    assert np.sqrt(found[0]) == pytest.approx(np.std(errors), rel=0.05)  # 3 sigma of 2000 draws
+    # Sway simulates well, and the disturbance of yaw is within its limit.
+    assert found[1:].tolist() == [0.0] * 5
 
 
 def test_a_disturbance_that_hardly_shows_stays_within_its_bounds(calm: tuple[PlanarData, PlanarOptimum]) -> None:
