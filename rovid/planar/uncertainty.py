@@ -52,9 +52,21 @@ def total_covariance(best: PlanarOptimum) -> FloatArray:
         looser[begin : begin + len(best.limited)] += math.log(LOOSER) * best.limited
         shift = moments(looser)[1] - start
     jacobian = coordinates.value_jacobian(best.x)[:, own]
-    grow = np.diag(jacobian @ spread @ jacobian.T) / np.maximum(np.diag(jacobian @ centre @ jacobian.T), 1e-300)
-    factor, change = np.sqrt(1.0 + np.maximum(grow, 0.0)), jacobian @ shift
-    return np.asarray(best.covariance * np.outer(factor, factor) + np.outer(change, change))
+    grown, change = jacobian @ growth(centre, spread), jacobian @ shift
+    return np.asarray(grown @ best.coordinate_covariance[np.ix_(own, own)] @ grown.T + np.outer(change, change))
+
+
+def growth(centre: FloatArray, spread: FloatArray) -> FloatArray:
+    """(n, n) linear map of errors with the covariance ``centre`` to errors with the positive part of ``spread`` added.
+
+    Combinations that are known keep their small errors next to those that are not: a factor for each parameter would
+    give them a part of the errors of the others.
+    """
+    variances, axes = np.linalg.eigh(centre)
+    sizes = np.sqrt(np.maximum(variances, 1e-12 * variances.max()))
+    more, directions = np.linalg.eigh((axes.T @ spread @ axes) / np.outer(sizes, sizes))
+    factors = (directions * np.sqrt(1.0 + np.maximum(more, 0.0))) @ directions.T
+    return np.asarray((axes * sizes) @ factors @ (axes / sizes).T)
 
 
 def yaw_alone_covariance(data: PlanarData, best: PlanarOptimum) -> FloatArray:

@@ -17,7 +17,7 @@ from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values
-from rovid.planar.uncertainty import misfit_variance, total_covariance
+from rovid.planar.uncertainty import growth, misfit_variance, total_covariance
 from tests.planar.vehicles import Truth, campaign, torpedo
 
 
@@ -33,6 +33,18 @@ def calm() -> tuple[PlanarData, PlanarOptimum]:
     )
     data = campaign(truth, runs=1, levels=8, hold=5.0, seed=21)
     return data, fit_base(data)
+
+
+def test_what_is_known_stays_known_next_to_what_is_not() -> None:
+    """Two parameters of which the logs determine the sum, and a spread of their difference."""
+    flat, tight = np.array([1.0, -1.0]), np.array([1.0, 1.0])
+    centre = np.outer(flat, flat) + 1e-8 * np.outer(tight, tight)
+    spread = 3.0 * np.outer(flat, flat) - 1e-9 * np.outer(tight, tight)
+    grown = growth(centre, spread)
+    total = grown @ centre @ grown.T
+    np.testing.assert_allclose(total, centre + 3.0 * np.outer(flat, flat), rtol=1e-6)
+    # The difference has twice the error; that of the sum stays, by 1e-4 of the difference's.
+    assert tight @ total @ tight == pytest.approx(4e-8, rel=1e-3)
 
 
 def test_axes_that_miss_a_force_have_the_errors_of_a_specification_error() -> None:
