@@ -271,9 +271,9 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     free = coordinates.free[: coordinates.noise_begin]
     names, scale = model.names, parameter_scale(best)
     r2 = free_run_r2(model, data, yaw_only=best.likelihood.grid.yaw_only)
-    covariance = covariance + np.diag(misfit_variance(best, r2, scale))
+    misfit = np.diag(misfit_variance(best, {} if best.likelihood.grid.yaw_only else r2, scale))
     is_ship = SHIP in {effect.key for effect in best.effects}
-    covariance = with_shape_error(model, covariance) if is_ship else covariance
+    covariance = (with_shape_error(model, covariance) if is_ship else covariance) + misfit
     undetermined, unknown = undetermined_directions(names, covariance, scale, free)
     refused = dict.fromkeys(unknown, "these runs do not determine it apart from other parameters")
     axes = measured_axes(data.sensors)
@@ -281,7 +281,8 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         if not free[at]:
             refused[name] = _reason(name, axes, is_ship=is_ship)
     refused |= dict(_lighter_than_rigid(data.vehicle.mass, model, np.sqrt(np.diag(covariance)), refused))
-    prior = PriorUse.of(best, covariance, scale, refused)
+    # A contradiction to the prior may be what the model misses: it does not widen the errors that show it.
+    prior = PriorUse.of(best, covariance - misfit, scale, refused)
     latency = _shown_latency(best)
     estimate = Estimate(
         names=names,
