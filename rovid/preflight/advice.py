@@ -83,7 +83,7 @@ def advise(
     if vehicle.assumptions:
         text = f"Measure {vehicle.assumptions.listing}, and put it into rovid.toml, where rovid init wrote a guess."
         found.append(Advice(kind="guessed", text=text))
-    found += _joined_clocks(clocks) if clocks else ()
+    found += joined_clocks(clocks) if clocks else ()
     if text := all_reversed(thrusters, vehicle.axis):
         found.append(Advice(kind="thruster", text=text, weight="grave"))
     for check in () if text else thrusters:
@@ -102,7 +102,7 @@ def advise(
 # ---- deficiencies of the logs
 
 
-def _joined_clocks(clocks: ClockOffsets) -> Iterator[Advice]:
+def joined_clocks(clocks: ClockOffsets) -> Iterator[Advice]:
     """Offsets between the files of one trial, with the setting of [join]."""
     for group in clocks.groups:
         text = clocks.text(group)

@@ -13,7 +13,7 @@ from rovid.estimate.inner_loop import find_inner_loop
 from rovid.estimate.steady_drag import DragFit
 from rovid.faults.base import named, resolve
 from rovid.faults.catalogue import examine_runs
-from rovid.preflight.advice import Advice, advise, feedback_text
+from rovid.preflight.advice import Advice, advise, feedback_text, joined_clocks
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.clock_offsets import estimate_clock_offsets
 from rovid.preflight.command_effects import ThrusterCheck, all_reversed, check_thrusters
@@ -197,6 +197,16 @@ def drag_without_feedback(study: Study) -> DragFit:
         raise DataError(f"{text[0].lower()}{text[1:]}. In the other logs: {error}", mend=mend) from error
     warnings = (*fit.estimate.warnings, f"{text}: {named(sorted(names))} left out.")
     return replace(fit, estimate=replace(fit.estimate, warnings=warnings))
+
+
+def require_agreeing_clocks(study: Study, config: Config) -> None:
+    """Refuse joined files whose clocks are certainly apart, as `rovid check` does. Raises LogError then."""
+    if study.runs is None or not config.join:
+        return
+    clocks = estimate_clock_offsets([run.trial for run in study.runs.items], config)
+    for fault in stopping([*_clock_faults(clocks, study.faults, config)]):
+        grave = next(advice for advice in joined_clocks(clocks) if advice.weight == "grave")
+        raise LogError(fault.text, mend=f"{grave.text.split('. ', 1)[0]}.")
 
 
 def require_right_signs(study: Study) -> None:

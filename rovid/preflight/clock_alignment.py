@@ -67,6 +67,12 @@ class ClockOffset:
         return replace(self, offset=offset, error=math.hypot(self.error, error), middle=0.0)
 
     @property
+    def with_given(self) -> Self:
+        """The whole offset, with the setting in [join]."""
+        drift = self.drift + self.given[1]
+        return replace(self, offset=self.offset + self.given[0], drift=drift, given=(0.0, 0.0))
+
+    @property
     def join_settings(self) -> dict[str, str]:
         """Lines for the tables "offset" and "drift" of [join]."""
         key = toml_key(self.name)

@@ -25,6 +25,8 @@ from rovid.trial.tables import curve_csv
 Guess = TypeVar("Guess", SignalGuess, ThrusterCommand)
 # Width of a comment in characters.
 _WIDTH = 110
+# Estimates of a clock offset at most, each from the stretch that the last one makes common. A decision.
+_ESTIMATES = 3
 # Maximum number of unused columns that are listed.
 _MAX_UNUSED = 40
 
@@ -54,10 +56,18 @@ def write_config(survey: LogSurvey, paths: Sequence[Path], *, force: bool) -> tu
         from rovid.preflight.clock_offsets import estimate_clock_offsets
 
         with suppress(RovidError):  # `rovid check` reports errors in the logs
-            read = load_config(config.path, survey.axis)
-            survey = replace(survey, clock_offsets=estimate_clock_offsets(read_campaign(paths, read).trials, read))
-            files = config_files(survey)
-            OutputSet([config], force=True).write({config: files[config]})
+            # A large offset is estimated again from the stretch that both files then have in common.
+            for _ in range(_ESTIMATES):
+                read = load_config(config.path, survey.axis)
+                found = estimate_clock_offsets(read_campaign(paths, read).trials, read)
+                if not found.offsets:
+                    break
+                whole = tuple(clock.with_given for clock in found.offsets)
+                survey = replace(survey, clock_offsets=replace(found, offsets=whole))
+                files = config_files(survey)
+                OutputSet([config], force=True).write({config: files[config]})
+                if not any(clock.certain for clock in found.offsets):
+                    break
     return survey, [output.path for output in files]
 
 

@@ -14,6 +14,7 @@ from rovid.core.array_types import FloatArray
 from rovid.preflight import clock_offsets
 from rovid.preflight.clock_alignment import ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
+from rovid.trial.config import Config
 from tests.conftest import Rovid, slow
 from tests.readers.test_formats import day
 from tools.folders import Clocks, write_folder
@@ -167,6 +168,11 @@ def test_a_response_before_the_command_is_a_clock_offset(tmp_path: Path, rovid: 
     (advice,) = [each for each in document["advice"] if each["kind"] == "clock_offset"]
     assert "which is impossible" in advice["text"]
     assert "Put offset = { thr = -0.6" in advice["text"]
+    # `rovid fit` refuses for the same reason.
+    refused = rovid("fit", "day")
+    assert refused.code == 2
+    assert "which is impossible" in refused.err
+    assert "Put offset = { thr = -0.6" in refused.err
     # A first rovid.toml sets it, with the reason; nothing is left then.
     (folder / "rovid.toml").unlink()
     init = rovid("init", "day", "--json").document
@@ -178,6 +184,24 @@ def test_a_response_before_the_command_is_a_clock_offset(tmp_path: Path, rovid: 
     assert not [each for each in again["advice"] if each["kind"] == "clock_offset"]
     remarks = [remark["text"] for log in again["logs"] for remark in log["remarks"] if remark["kind"] == "clock"]
     assert len(remarks) == len(again["logs"])
+
+
+def test_init_estimates_a_large_offset_again(tmp_path: Path, rovid: Rovid, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each estimate is that of what the setting before leaves."""
+    folder = day(tmp_path / "day", split="{run}_{part}.csv")
+    (folder / "rovid.toml").unlink()
+
+    def estimate(_: object, config: Config) -> ClockOffsets:
+        assert config.join is not None
+        given = config.join.offset.get("thr", 0.0)
+        rest = {0.0: -4.6, -4.6: -0.4, -5.0: 0.01}[given]
+        return ClockOffsets(offsets=(ClockOffset(name="thr", offset=rest, error=0.1, given=(given, 0.0)),))
+
+    monkeypatch.setattr(clock_offsets, "estimate_clock_offsets", estimate)
+    (found,) = rovid("init", "day", "--json").document["clocks"]
+    written = tomllib.loads((folder / "rovid.toml").read_text(encoding="utf-8"))
+    assert written["join"]["offset"] == {"thr": pytest.approx(-4.99)}
+    assert found["offset"] == pytest.approx(-4.99)
 
 
 def test_a_late_response_is_not_called_a_clock_offset(tmp_path: Path, rovid: Rovid) -> None:
