@@ -91,7 +91,7 @@ class OnCommand:
     _: KW_ONLY
     settling_time: Settling | None = None
     anchored: bool = False
-    of_angles: bool = False  #: Whether the planar model's angles are the commands, of rudders and azimuth thrusters.
+    of_angles: bool = False  #: Whether the effect acts on the angles of rudders and azimuth thrusters alone.
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,6 +262,7 @@ class Effect:
     form: str = ""  #: Name of the form; empty for the plain one.
     rivals: tuple[str, ...] = ()  #: Ids of effects with which it is confused.
     needs: tuple[str, ...] = ()  #: Channels of the log without which the form cannot be evaluated.
+    replaces: tuple[str, ...] = ()  #: Channels of the log each of which makes the form superfluous.
     axes: tuple[str, ...] = ()  #: Names of the axes along which the effect exists; empty for all.
     #: (parameters) -> equivalent parameters in the usual range.
     canonical: Callable[[FloatArray], FloatArray] | None = None

@@ -7,7 +7,7 @@ from pathlib import Path
 from rovid.core.errors import ConfigError, suggestion
 from rovid.effects import bias_torque, restoring_curve, slew_limit, supply_sag, thruster_imbalance, thruster_lag
 from rovid.effects.actuator_inputs import SPEEDS
-from rovid.effects.base import Effect, Term
+from rovid.effects.base import Effect, OnCommand, Term
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.further_terms import address_of, effect_at, trials_in_form
 from rovid.effects.plugins import further_forms, is_id, load_files
@@ -81,7 +81,7 @@ PLANAR_EFFECTS = (
 PLANAR_FORMS: tuple[Effect, ...] = tuple(
     form for name in PLANAR_EFFECTS for form in import_module(f"rovid.effects.{name}").PLANAR_FORMS
 )
-# Forms that act on the angles of the planar model's rudders and azimuth thrusters.
+# Forms that act on the angles of rudders and azimuth thrusters.
 ANGLE_FORMS: tuple[Effect, ...] = (*thruster_lag.ANGLE_FORMS, *slew_limit.ANGLE_FORMS)
 # The plain forms.
 CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
@@ -157,8 +157,11 @@ def forms_for(
     found: list[Effect] = []
     # The thrust ahead replaces a speed that is not logged.
     estimates_speed = SPEEDS[0] not in channels and bool(vehicle.surge_shares.any())
-    for effect in every_form():
-        if effect.axes and vehicle.axis.name not in effect.axes:
+    rudders = [thruster.is_rudder for thruster in vehicle.thrusters]
+    for effect in (*every_form(), *(ANGLE_FORMS if any(rudders) else ())):
+        if isinstance(effect.acts, OnCommand) and rudders and all(rudders) and not effect.acts.of_angles:
+            continue  # it is of commands, which no curve turns into thrust
+        if (effect.axes and vehicle.axis.name not in effect.axes) or set(effect.replaces) & set(channels):
             continue
         if not vehicle.thrusters and (effect.changes_torque_input or effect.uses_wash):
             continue

@@ -63,13 +63,13 @@ FORMS: tuple[Effect, ...] = (
         acts=OnCommand(_size, settling_time=_ramp_time),
     ),
 )
-# Of the planar model: a gear turns rudders and azimuth thrusters at a limited rate.
+# Of rudders and azimuth thrusters: a gear turns them at a limited rate.
 ANGLE_FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="angle",
         title="slew limit of the angle",
-        axes=("planar",),
+        axes=("planar", "yaw"),
         parameters=(
             replace(EFFECT.parameters[0], unit="rad/s", low=0.006, initial_values=(3.6, 0.5, 0.12), scale="one/time"),
         ),

@@ -108,13 +108,13 @@ FORMS: tuple[Effect, ...] = (
         acts=OnThrust(_rotor, settling_time=_settled),
     ),
 )
-# Of the planar model: the gear of rudders and azimuth thrusters is slow, the thrust is not.
+# Of rudders and azimuth thrusters: their gear is slow, the thrust is not.
 ANGLE_FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="angle",
         title="lag of the angle",
-        axes=("planar",),
+        axes=("planar", "yaw"),
         equation="τ·dδ'/dt + δ' = δ, δ the angle of each rudder and azimuth thruster",
         acts=OnCommand(_lagged, settling_time=_settled, of_angles=True),
     ),

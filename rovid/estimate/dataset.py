@@ -151,7 +151,7 @@ class InputCache:
     @cached_property
     def largest_change(self) -> float:
         """Largest possible change of a command."""
-        commands = [run.trial.commands for run in self.runs]
+        commands = [run.trial.orders for run in self.runs]
         return max(float(np.max(np.ptp(here, axis=0), initial=0.0)) for here in commands)
 
     @cached_property
@@ -364,7 +364,7 @@ def effect_scales(
         neutral = neutral_commands(vehicle)
         if trials[0].has_actuators:
             wash, sqrt_thrust, load = _thruster_scales(trials, vehicle)
-    largest_commands = [np.max(np.abs(trial.commands - neutral), initial=0.0) for trial in trials]
+    largest_commands = [np.max(np.abs(trial.orders - neutral), initial=0.0) for trial in trials]
     return Scales(
         command=float(max(largest_commands)),
         torque=torque,

@@ -15,7 +15,7 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.lru_cache import SizedCache, Value
 from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs, actuator_inputs
-from rovid.effects.base import Actuating, OnCommand, OnThrust, OnTorque, Term
+from rovid.effects.base import Actuating, OnCommand, OnThrust, OnTorque, Term, Values
 from rovid.model.bound_effects import BoundEffect, actions_at, effects_at
 from rovid.model.torque_input import MAX_SUBDIVISION, Intervals, TorqueInput
 from rovid.trial.trial import Trial
@@ -32,6 +32,7 @@ class CommandSeries:
     vehicle: Vehicle
     inputs: ActuatorInputs  #: The trials as effects see them, with each interval between two log instants subdivided.
     held_commands: FloatArray  #: (n, k) commands at the selected log instants, in each trial after those of its past.
+    held_gains: FloatArray | None = None  #: (n, k) `Trial.angle_gains` at these instants.
 
     @classmethod
     def from_trials(
@@ -57,11 +58,14 @@ class CommandSeries:
             inputs = ActuatorInputs.concatenated(
                 [actuator_inputs(vehicle, trial, subdivision, here, some) for trial, here, some in every]
             )
-            commands = list[FloatArray]()
-            for trial, here, _ in every:
+            commands, gains = list[FloatArray](), list[FloatArray]()
+            for (trial, here, _), one in zip(every, inputs.trials, strict=True):
                 commands += [] if trial.past is None else [trial.past.commands]
                 commands.append(trial.commands if here is None else trial.commands[here])
-            found = cls(vehicle, inputs, np.concatenate(commands))
+                if trial.angle_gains is not None:
+                    gains += [np.repeat(trial.angle_gains[:1], one.past, axis=0)]
+                    gains.append(trial.angle_gains if here is None else trial.angle_gains[here])
+            found = cls(vehicle, inputs, np.concatenate(commands), np.concatenate(gains) if gains else None)
             _IN_USE[key] = found
         return found
 
@@ -79,6 +83,18 @@ class CommandSeries:
     def commands(self) -> FloatArray:
         """(m, k) commands at the instants of ``inputs``."""
         return self.inputs.subdivide(self.held_commands)
+
+    def changed(self, values: FloatArray, act: OnCommand, parameters: Values) -> FloatArray:
+        """(m, k) commands ``values`` after an effect, which acts on the angles of rudders and not on their torques.
+
+        An effect acts on all rudders or on all other drives, if there are both.
+        """
+        if self.held_gains is None:
+            return act.change(self.inputs, values, parameters)
+        gains = self.inputs.subdivide(self.held_gains)
+        rudders = np.array([one.is_rudder for one in self.vehicle.thrusters])
+        acting = rudders if act.of_angles or rudders.all() else ~rudders
+        return np.where(acting, gains * act.change(self.inputs, values / gains, parameters), values)
 
     @cached_property
     def thrust(self) -> FloatArray:
@@ -207,7 +223,7 @@ class ActuatorModel:
         inputs, values, thrust, key = commands.inputs, commands.commands, commands.thrust, tuple[Hashable, ...]()
         for one, act in effects_at(effects, OnCommand):
             key = (*key, one.effect, *one.parameters)
-            values = commands.cached(key, partial(act.change, inputs, values, one.values))
+            values = commands.cached(key, partial(commands.changed, values, act, one.values))
         if key:
             key = (*key, "thrust")
             # A bench curve limits the thrust itself. Logged torques have no curve.

@@ -120,10 +120,12 @@ class _Builder:
                     text = f"{self.raw.channels[key].source} ({key}) holds no number."
                     self.remark("missing", series[key].missing, text)
                 extras[key] = base.hold(series[key])
-        held = np.array([
-            base.hold(command) if thruster.steering is None else self.steered(thruster.steering, command, base, series)
-            for command, thruster in zip(commands, self.config.vehicle.thrusters, strict=True)
-        ])  # fmt: skip
+        held, gains = np.ones((2, len(commands), len(base.time)))
+        for at, (command, thruster) in enumerate(zip(commands, self.config.vehicle.thrusters, strict=True)):
+            held[at] = base.hold(command)
+            if (steering := thruster.steering) is not None:
+                speed = self.speed_of(steering, base, series)
+                held[at], gains[at] = steering.command(held[at], speed), steering.gain(speed)
         start = float(base.time[0])
         places = {name: signal.position or (0.0, 0.0) for name, signal in self.config.signals.items()}
         readings, remarks = planar_readings(series, base.time, position, places, wanted=self.config.vehicle.planar)
@@ -133,8 +135,8 @@ class _Builder:
             path=self.path,
             time=base.time - base.time[0],
             position=position,
-            # The shape of no commands at all is (0, n).
-            commands=held.reshape(len(commands), len(base.time)).T,
+            commands=held.T,
+            angle_gains=gains.T if any(one.is_rudder for one in self.config.vehicle.thrusters) else None,
             extras=extras,
             remarks=tuple(self.remarks),
             cuts=tuple(sorted(cut - start for cut in self.cuts)),
@@ -309,15 +311,13 @@ class _Builder:
         self.faults += faults_of_all(found)
         return commands
 
-    def steered(
-        self, steering: Steering, angle: TimedSeries, base: TimeBase, series: Mapping[str, TimedSeries]
-    ) -> FloatArray:
-        """(n,) torque or ordered rate of a steering angle at the logged speed, interpolated over its gaps."""
+    def speed_of(self, steering: Steering, base: TimeBase, series: Mapping[str, TimedSeries]) -> FloatArray:
+        """(n,) logged speed of a steered drive, interpolated over its gaps."""
         speed = series[steering.speed]
         if not speed.known.size:
             text = f"{self.raw.channels[steering.speed].source} ({steering.speed}) holds no number."
             raise self.error(text, "Map the column or topic that holds the speed, or leave this log out.")
-        return steering.command(base.hold(angle), np.interp(base.time, speed.known_time, speed.known))
+        return np.interp(base.time, speed.known_time, speed.known)
 
     def span(self, measured: TimedSeries, commands: list[TimedSeries]) -> tuple[float, float]:
         """First instant measured when every command is known, and last instant measured."""

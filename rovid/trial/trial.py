@@ -90,6 +90,8 @@ class Trial:
     position: FloatArray
     #: (n, k) command of each actuator in the unit of its thrust curve (N m for a logged torque), held.
     commands: FloatArray
+    #: (n, k) command at an angle of 1 rad, of a rudder at the logged speed; 1 for others. None without a rudder.
+    angle_gains: FloatArray | None = None
     #: ``rate``, ``roll``, ``pitch``: (n,) rad/s or m/s, rad, rad; None where not logged. Interpolated linearly, NaN in
     #: gaps.
     rate: FloatArray | None = None
@@ -180,15 +182,23 @@ class Trial:
 
     def _past_of(self, first: int, known_from: int) -> Past | None:
         """Commands before the row ``first``, as far as they may matter."""
-        time, commands = self.time[known_from:first], self.commands[known_from:first]
+        time, commands = self.time[known_from:first], self.orders[known_from:first]
         if known_from == 0 and self.past is not None:
-            time, commands = np.append(self.past.time, time), np.concatenate((self.past.commands, commands))
+            before = self.past.commands if self.angle_gains is None else self.past.commands / self.angle_gains[0]
+            time, commands = np.append(self.past.time, time), np.concatenate((before, commands))
         if not len(time):
             return None
         # Rows without a change of command change nothing.
         changed = np.concatenate(([True], np.any(np.diff(commands, axis=0) != 0.0, axis=1)))
         rows = np.flatnonzero(changed)[-_PAST_CHANGES:]
-        return Past(time=time[rows] - self.time[first], commands=commands[rows])
+        # The angles of rudders before, at the speed of the first row.
+        gain = 1.0 if self.angle_gains is None else self.angle_gains[first]
+        return Past(time=time[rows] - self.time[first], commands=gain * commands[rows])
+
+    @cached_property
+    def orders(self) -> FloatArray:
+        """(n, k) commands as given: in rad where a rudder turns, whatever the speed."""
+        return self.commands if self.angle_gains is None else np.asarray(self.commands / self.angle_gains)
 
     @property
     def has_actuators(self) -> bool:

@@ -79,6 +79,10 @@ class ThrustCurve:
         return 0.0
 
 
+# m^2/s^2; least squared speed of a rudder: without flow, the torque would not contain the angle.
+_LEAST_FLOW = 1e-9
+
+
 @dataclass(frozen=True, kw_only=True)
 class Steering:
     """Conversion of a steering angle to the command of a drive without a curve.
@@ -95,7 +99,13 @@ class Steering:
         """(n,) torque in N m, or yaw rate in rad/s, at (n,) angles in rad and speeds in m/s."""
         if self.wheels:
             return np.asarray(speed * np.tan(angle) / self.size)
-        return np.asarray(self.size * speed * np.abs(speed) * angle)
+        return np.asarray(self.gain(speed) * angle)
+
+    def gain(self, speed: FloatArray) -> FloatArray:
+        """(n,) command at a rudder's angle of 1 rad; never zero, and 1 for wheels."""
+        if self.wheels:
+            return np.ones(len(speed))
+        return np.asarray(self.size * np.copysign(np.maximum(speed**2, _LEAST_FLOW), speed))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,6 +151,11 @@ class Thruster:
     scale_key: str = ""  #: Key of rovid.toml that scales the torque in place of the arm.
     steering: Steering | None = None  #: Of a rudder or of steered wheels: its command is computed from an angle.
     is_rate_order: bool = False  #: Whether the command is the rate that a controller is ordered to keep, in SI.
+
+    @property
+    def is_rudder(self) -> bool:
+        """Whether the command is the torque of a rudder's angle at the logged speed."""
+        return self.steering is not None and not self.steering.wheels
 
     @property
     def is_angle(self) -> bool:

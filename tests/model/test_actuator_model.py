@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import IntArray
-from rovid.effects import Effect, effect_named
+from rovid.effects import Effect, effect_named, forms_for
 from rovid.effects.actuator_inputs import SampleSelection
 from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
-from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.trial.vehicle import Steering, ThrustCurve, Thruster, Vehicle
 from tests.effects.test_effects import EVERY, VEHICLE, logs, numbers
 from tests.synthetic import trial
 
@@ -120,3 +120,34 @@ def test_equal_command_series_are_one_object() -> None:
     del first
     gc.collect()
     assert gone() is None
+
+
+def test_a_gear_limits_the_angle_of_a_rudder_and_not_its_torque() -> None:
+    """At a speed that grows, the torque has no constant rate; the part after a cut begins at the angle before it."""
+    steering = Steering(speed="surge_velocity", size=100.0, wheels=False)
+    vehicle = Vehicle(name="", thrusters=(Thruster(name="rudder", arm=1.0, curve=None, steering=steering),))
+    time = np.arange(0.0, 20.0, 0.5)
+    speed, angle = 1.0 + 0.05 * time, np.where(time < 5.0, 0.0, 0.4)
+    run = replace(
+        trial(time, np.zeros(len(time))),
+        commands=steering.command(angle, speed)[:, np.newaxis],
+        angle_gains=steering.gain(speed)[:, np.newaxis],
+        extras={"surge_velocity": speed},
+    )
+    turned = np.clip(0.05 * (time + 0.25 - 5.0), 0.0, 0.4)  # rad, the mean over the interval from each instant
+    vehicle = vehicle.with_logged_torque([run])
+    for form in ("slew_limit", "slew_limit:angle"):
+        slow = replace(model_with(effect_named(form)), effect_values=(0.05,))
+        torque = 100.0 * speed**2 * turned
+        assert slow.torque_input(vehicle, run).torque[:-1] == pytest.approx(torque[:-1], abs=1e-9)
+        late = run.part(slice(14, None), "late")
+        assert slow.torque_input(vehicle, late).torque[:-1] == pytest.approx(torque[14:-1], abs=1e-9)
+
+
+def test_forms_of_commands_give_way_to_forms_of_angles_where_rudders_alone_drive() -> None:
+    rudder = Thruster(name="", arm=1.0, curve=None, steering=Steering(speed="u", size=1.0, wheels=False))
+    vehicle = Vehicle(name="", thrusters=(rudder,))
+    keys = {form.key for form in forms_for(vehicle)}
+    assert {"slew_limit:angle", "thruster_lag:angle", "command_delay"} < keys
+    assert not {"slew_limit", "thruster_deadband", "command_hysteresis", "thruster_lag:command"} & keys
+    assert "slew_limit:angle" not in {form.key for form in forms_for(VEHICLE)}
