@@ -38,6 +38,15 @@ def _followed(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     return -p[0] * x[0], (at.rate - x[0]) / p[1]
 
 
+@compiled
+def _crept(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float, float]:
+    # States: speeds ahead and to starboard, in units of the thrust ahead per N m over the mass. The vehicle turns, and
+    # its velocity persists until the drag has used it up.
+    ahead, starboard = x
+    change = abs(at.thruster_torque) + at.rate * starboard - ahead / p[1]
+    return -p[0] * ahead * starboard, change, -at.rate * ahead - starboard / p[1]
+
+
 def _decay_rate(values: Values) -> float:
     return 1.0 / values["time_constant"]
 
@@ -115,6 +124,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="turning",
+        title="sway that follows the turn, not logged",
         parameters=(
             replace(_DRIFT, unit="N m s/rad", low=0.0, high=6.0, initial_values=(0.1, 0.5), scale="torque/rate"),
             # Sway and yaw of a hull decay within a factor of a few (Fossen 2011); a longer memory would be a tether.
@@ -126,6 +136,22 @@ FORMS: tuple[Effect, ...] = (
         rivals=("tether_torsion", "added_mass_memory", "entrained_swirl"),
         needs=(),
         acts=Term(_followed, states=1, fastest=_decay_rate, unknown_start=_unknown_start),
+    ),
+    replace(
+        EFFECT,
+        form="creep",
+        title="Munk moment of a vehicle that creeps ahead as it turns",
+        parameters=(
+            replace(_DRIFT, unit="1/(N m s^2)", initial_values=(0.03, -0.03), scale="one/torque/time/time"),
+            replace(_DECAY, low=0.1, high=20.0, initial_values=(3.0,)),
+        ),
+        equation="− N·u·v, du/dt = |T| + r·v − u/τ, dv/dt = − r·u − v/τ: T drives ahead too, in place of logged speeds",
+        fingerprint="residual torque at the onset of a turn that grows with the cube of the rate and fades in the turn",
+        experiment="the speeds in the log; turns on the spot, each from rest",
+        rivals=("added_mass_memory", "entrained_swirl", "drag_curvature"),
+        needs=(),
+        replaces=SPEEDS,
+        acts=Term(_crept, states=2, fastest=_decay_rate),
     ),
     replace(EFFECT, form="both", parameters=(_DRIFT, _MUNK), equation="− N·v − m·u·v", needs=SPEEDS, acts=Term(_both)),
 )

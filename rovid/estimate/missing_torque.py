@@ -37,8 +37,12 @@ _KINDS = (
     "thrust_curve_shape",
     "thrust_asymmetry",
     "sideslip_moment",
+    "sideslip_moment:creep",
     "speed_dependent_damping",
 )
+# Kinds whose size says nothing of that of the others: they are hypotheses of their own. A vehicle creeps ahead by a
+# difference of thrusts, and turns.
+_OWN = frozenset({IMBALANCE.id, "sideslip_moment:creep"})
 _SWAY = SPEEDS[1]
 # Torque of the acceleration in sway, of one standard deviation, as a share of the torque in use.
 _TORQUE = EffectParameter(
@@ -126,7 +130,7 @@ def missing_torque_covariance(fitted: FitResult) -> FloatArray:
     likeliest = _likeliest(fitted)
     covariance = likeliest.covariance
     for one in _hypotheses(fitted):
-        if one.kinds == {IMBALANCE.id} != likeliest.kinds and one.gain > 0.0:
+        if one.kinds <= _OWN and one.kinds != likeliest.kinds and one.gain > 0.0:
             total = np.logaddexp(max(likeliest.gain, 0.0), one.gain)
             covariance = covariance + np.exp(one.gain - total) * one.covariance
     return covariance
@@ -201,9 +205,13 @@ def _hypotheses(fitted: FitResult, *, white: bool | None = None) -> Iterator[_La
     """
     found, white = _scores(fitted), fitted.is_white if white is None else white
     least, laws = _LEAST_GAIN if white else 0.0, {effect.id for effect in fitted.effects}
-    yield _LackingTorques.of(found.only({*found.kinds} - {IMBALANCE.id}), least, even=white)
+    yield _LackingTorques.of(found.only({*found.kinds} - _OWN), least, even=white)
     single = [{kind} for kind in found.kinds if kind != _ABSORBED]
-    several = [*single, laws.intersection(found.kinds)] if white else [{IMBALANCE.id}]
+    several = (
+        [*single, laws.intersection(found.kinds)]
+        if white
+        else [{kind} for kind in sorted(_OWN.intersection(found.kinds))]
+    )
     groups = dict.fromkeys(frozenset(group) for group in several if group)
     for group in groups:
         yield _LackingTorques.of(found.only(group), least + float(np.log(len(groups))), even=white)
@@ -286,7 +294,9 @@ def _scores(fitted: FitResult) -> _Scores:
     gradient, information = NormalEquations.sum_of(
         _equations(fitted.x, own, list(zip(others, starts, strict=True))) for own, *others in chunks
     )
-    names = [""] * count + [kind.id for kind, own in zip(kinds, starts, strict=True) for _ in own]
+    names = [""] * count + [
+        kind.key if kind.key in _OWN else kind.id for kind, own in zip(kinds, starts, strict=True) for _ in own
+    ]
     low, high = objective.parametrization.bounds
     is_free, outward = np.ones(count, dtype=bool), -gradient[:count]
     for effect, place in objective.parametrization.effect_slices():

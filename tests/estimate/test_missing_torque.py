@@ -56,9 +56,9 @@ def estimate_of(one: FitResult) -> Estimate:
     return Estimate(names=one.model.names, values=one.model.values, covariance=covariance, method="", samples=1)
 
 
-def driven(count: int, slope: Slope, extra: str = "") -> Run:
-    """A run of heading, rate and sway by their ``slope``, with the sway in the log as ``extra``."""
-    step, state, states = (TIME[1] - TIME[0]) / SUBSTEPS, np.zeros(3), np.zeros((count, 3))
+def driven(count: int, slope: Slope, extra: str = "", size: int = 3) -> Run:
+    """A run of heading, rate, sway and other states by their ``slope``, with the sway in the log as ``extra``."""
+    step, state, states = (TIME[1] - TIME[0]) / SUBSTEPS, np.zeros(size), np.zeros((count, size))
     for at in range(count):
         states[at] = state
         for _ in range(SUBSTEPS):
@@ -81,6 +81,19 @@ def swaying(count: int, coefficient: float, memory: float, eddy: float) -> Run:
         return np.array([rate, torque / synthetic.ROSUB.inertia, (rate - sway) / memory])
 
     return driven(count, slope)
+
+
+def creeping(count: int, munk: float) -> Run:
+    """A vehicle that begins to move ahead as it turns, and has this Munk moment in kg."""
+    eddies = synthetic.gauss_markov(count, 0.2, 2.0, 2.0, np.random.default_rng(1))
+
+    def slope(at: int, state: FloatArray) -> FloatArray:
+        _, rate, sway, surge = state
+        torque = TORQUE[at] + eddies[at] - drag(rate) - munk * surge * sway
+        ahead = 3e-4 * abs(TORQUE[at]) + rate * sway - surge / 15.0
+        return np.array([rate, torque / synthetic.ROSUB.inertia, -rate * surge - sway / 15.0, ahead])
+
+    return driven(count, slope, size=4)
 
 
 def coupled(count: int, share: float) -> Run:
@@ -196,6 +209,17 @@ def test_errors_allow_for_a_sway_that_short_runs_hardly_show() -> None:
     assert away > 4.0 * estimate.standard_error("linear_drag")
     assert away < 2.5 * wider.standard_error("linear_drag")
     assert any("these runs do not distinguish from inertia and drag" in text for text in wider.warnings)
+
+
+def test_errors_allow_for_the_munk_moment_of_a_vehicle_that_creeps_ahead() -> None:
+    """No other torque shows in these runs."""
+    one = fitted([creeping(1200, 60.0)])
+    estimate = estimate_of(one)
+    wider = include_missing_torque(estimate, one)
+    away = abs(estimate.value("quadratic_drag") - synthetic.ROSUB.quadratic_drag)
+    assert one.is_white
+    assert lacks_torque(one)
+    assert 2.0 * estimate.standard_error("quadratic_drag") < away < 2.0 * wider.standard_error("quadratic_drag")
 
 
 def test_the_added_covariance_does_not_depend_on_the_unit_of_a_torque(
