@@ -51,6 +51,7 @@ from rovid.diagnose.stepwise import SearchStop, StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import drop_inconsistent, drop_likely, first_rejection, report_remainder, search_warnings
 from rovid.estimate.fit_result import FitResult
+from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.missing_torque import lacks_torque
 from rovid.estimate.output_error import fit_output_error
 from rovid.trial.preprocessing import PreparedRuns
@@ -78,7 +79,12 @@ def diagnose(
             return Diagnosis(verdict="too_little_data", missing=str(error), warnings=notes)
         own = replace(budget or Budget(), report=report if is_first else lambda _: None)
         problem = pose(prepared, runs, vehicle, start, own)
-        return conclude(doubt_stand_ins(problem, decide(problem)), notes)
+        selection = doubt_stand_ins(problem, decide(problem))
+        try:
+            plain = fit_likelihood(prepared.items, vehicle)
+        except DataError:
+            plain = None  # the selected model may have more to say on the inertia
+        return conclude(selection, notes, plain)
 
 
 def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseSearch, start: FitResult) -> Selection:
@@ -256,10 +262,10 @@ def doubt_stand_ins(problem: SearchProblem, selection: Selection) -> Selection:
     return drop_likely(selection.with_message(text).ban(*causes), [cause.key for cause in causes])
 
 
-def conclude(selection: Selection, notes: Sequence[str]) -> Diagnosis:
+def conclude(selection: Selection, notes: Sequence[str], plain: LikelihoodFit | None = None) -> Diagnosis:
     """The result: established causes, suspects (further causes with a probability of `possible`, 0.2), and warnings."""
     try:
-        stated = state(selection)
+        stated = state(selection, plain)
     except DataError as error:
         missing, warnings = str(error), tuple(search_warnings(selection, notes))
         return Diagnosis(verdict="too_little_data", missing=missing, warnings=warnings)

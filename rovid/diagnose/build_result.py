@@ -19,6 +19,7 @@ from rovid.diagnose.cross_validation import (
     simulate_folds,
 )
 from rovid.diagnose.evidence import recalibrated, size_in_errors
+from rovid.diagnose.hidden_sway import indistinguishable_sway
 from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment
 from rovid.diagnose.screening import ScoreTest, bic_penalty
 from rovid.diagnose.selection import Selection
@@ -26,7 +27,7 @@ from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stated_selection import StatedSelection, is_established, model_estimate
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected
-from rovid.effects import CATALOGUE, Effect, EffectParameter, effect_named
+from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.dataset import time_constant
 from rovid.estimate.estimate import Estimate
@@ -53,7 +54,9 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
             "use: something is still missing, and it follows no other logged signal."
         )
     possible = [_suspect_finding(selection, one) for one in suspected]
-    extended = _assess(selection, selection.model, model, estimate, selection.model)
+    plain = base.model if stated.plain is None else stated.plain.model
+    shown = model.model if model.effects else plain
+    extended = _assess(selection, selection.model, shown, estimate, selection.model)
     waves = _wave_finding(selection)
     if waves is not None and is_established(waves):
         findings.append(waves)
@@ -83,7 +86,7 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
     detectable = tuple(sizes)
     return Diagnosis(
         verdict=verdict,
-        base=_assess(selection, selection.base, base, base_estimate, same_limit),
+        base=_assess(selection, selection.base, plain, base_estimate, same_limit),
         extended=extended,
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         suspects=tuple(possible),
@@ -108,17 +111,20 @@ def _lacks_torque(selection: Selection, model: FitResult) -> bool:
 
 
 def _assess(
-    selection: Selection, searched: FitResult, full: FitResult, estimate: Estimate, comparable: FitResult
+    selection: Selection, searched: FitResult, model: Model, estimate: Estimate, comparable: FitResult
 ) -> ModelAssessment:
-    """Held-out scores of a model: simulations of the model ``searched``, log-likelihood of the model ``comparable``."""
+    """A ``model`` with held-out scores: simulations of the fit ``searched``, log-likelihood of ``comparable``."""
     simulated = simulate_folds(searched, selection.folds(searched))
     held_out = replace(simulated, log_likelihood=held_out_log_likelihood(selection.folds(comparable)))
-    return ModelAssessment(model=full.model, estimate=estimate, held_out=held_out)
+    return ModelAssessment(model=model, estimate=estimate, held_out=held_out)
 
 
 def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
     """Established cause, with the runs that distinguish it from others where that is open."""
     effect, held_out_gain = cause.effect, selection.held_out_gain(cause.effect)
+    others = selection.indistinguishable(cause)
+    close = [one.fitted.with_last(one.effect) for one in cause.alternatives if one.effect in others]
+    sway = indistinguishable_sway(selection.data, [selection.model.with_last(effect), *close])
     probability, own = selection.probability(cause, held_out_gain), estimate.only(effect.parameter_names)
     finding = Finding(
         effect=effect,
@@ -129,7 +135,7 @@ def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
         standard_errors=size_in_errors(effect, own.values, own.covariance, selection.data.scales),
         probability=recalibrated(probability, white=selection.model.is_white),
         alternatives=cause.alternatives,
-        indistinguishable=(*selection.indistinguishable(cause), *_without_signal(selection, effect)),
+        indistinguishable=(*others, *sway, *_without_signal(selection, effect)),
         white=selection.model.is_white,
         is_complete=selection.is_complete,
     )
@@ -142,6 +148,7 @@ def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
     own = model_estimate(fitted, white=False).only(one.effect.parameter_names)
     further = selection.search.further_causes(selection.model)
     others = [other.effect for other in suspected.others]
+    sway = indistinguishable_sway(selection.data, [other.fitted for other in (one, *suspected.others)])
     excluded = {one.effect.id, *(effect.id for effect in selection.inconsistent)}
     return Finding(
         effect=one.effect,
@@ -152,7 +159,7 @@ def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
         standard_errors=size_in_errors(one.effect, own.values, own.covariance, selection.data.scales),
         probability=suspected.probability,
         alternatives=tuple(other for other in further if other.effect.id not in excluded),
-        indistinguishable=(*others, *_without_signal(selection, one.effect)),
+        indistinguishable=(*others, *sway, *_without_signal(selection, one.effect)),
         white=selection.model.is_white,
         is_complete=selection.is_complete,
     )
@@ -183,12 +190,7 @@ def _wave_finding(selection: Selection) -> Finding | None:
 
 
 def _without_signal(selection: Selection, effect: Effect) -> tuple[Effect, ...]:
-    """Effects that imitate ``effect`` and could not be tested: a signal is not logged, or an angle is in the torque."""
-    thrusters = selection.data.vehicle.thrusters if selection.data.vehicle else ()
-    slew = effect_named("slew_limit")
-    if effect.id in slew.rivals and any(one.steering is not None for one in thrusters):
-        # The gear limits the rate of the angle. The command of yaw alone is the angle times the squared speed.
-        return (slew,)
+    """Effects that imitate ``effect`` and could not be tested, because a signal is not logged."""
     if not selection.multi_step:
         return ()
     tried = {candidate.id for candidate in selection.search.candidates}

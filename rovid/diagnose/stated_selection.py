@@ -22,7 +22,7 @@ from rovid.effects import Effect
 from rovid.effects.base import canonical_phases
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
-from rovid.estimate.maximum_likelihood import misspecification_covariance, require_swing
+from rovid.estimate.maximum_likelihood import LikelihoodFit, misspecification_covariance, require_swing
 from rovid.estimate.missing_torque import include_missing_torque
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, require_inertia
 from rovid.estimate.unknown_past import water_warning
@@ -41,6 +41,7 @@ class StatedSelection:
     suspected: list[Suspected]
     estimate: Estimate  # of the selected model
     base_estimate: Estimate  # of the model without effects
+    plain: LikelihoodFit | None  # the fit that the latter is of; None where that is the base of the search
 
     def size_in_errors(self, effect: Effect) -> float:
         """Size of an ``effect`` of the model in the standard errors that are stated."""
@@ -48,14 +49,15 @@ class StatedSelection:
         return size_in_errors(effect, own.values, own.covariance, self.selection.data.scales)
 
 
-def state(selection: Selection) -> StatedSelection:
+def state(selection: Selection, plain: LikelihoodFit | None = None) -> StatedSelection:
     """The ``selection`` as it is stated, without effects whose size the stated errors leave open.
 
+    ``plain`` is the fit without effects of `rovid fit`, stated in place of the base of the search.
     Raises DataError if the inertia is not determined.
     """
     while True:
         require_swing(selection.model)
-        stated = _state(selection)
+        stated = _state(selection, plain)
         sizes = [(stated.size_in_errors(one), one) for one in selection.model.effects if not is_signal(one)]
         size, weakest = min(sizes, key=lambda one: one[0], default=(math.inf, None))
         if weakest is None or size >= THRESHOLDS.min_stated_errors:
@@ -73,7 +75,7 @@ def is_established(finding: Finding) -> bool:
     return finding.probability >= THRESHOLDS.established and is_large
 
 
-def _state(selection: Selection) -> StatedSelection:
+def _state(selection: Selection, plain: LikelihoodFit | None) -> StatedSelection:
     causes = list(map(selection.cause, selection.model.effects))
     base, model, suspected = (
         selection.full_data(selection.base),
@@ -81,21 +83,29 @@ def _state(selection: Selection) -> StatedSelection:
         suspects(selection),
     )
     estimate = _average_over_forms(selection, model_estimate(model, white=model.is_white))
+    by_dropped = np.zeros_like(estimate.covariance)
     if selection.dropped is not None:
         # Suspects are fitted one by one, and these effects show only together.
-        away = _deviation(estimate, selection.dropped)[np.newaxis]
-        estimate = replace(estimate, covariance=estimate.covariance + _between(away, np.array([_EVEN])))
-    base_estimate = model_estimate(base, white=base.is_white)
+        by_dropped = _between(_deviation(estimate, selection.dropped)[np.newaxis], np.array([_EVEN]))
+        estimate = replace(estimate, covariance=estimate.covariance + by_dropped)
+    base_estimate = model_estimate(base, white=base.is_white) if plain is None else plain.estimate
     # Missing effects make one of the estimates uncertain; where both are, the vehicle was not excited.
     surer = min(base_estimate, estimate, key=lambda one: one.standard_error("inertia") / one.value("inertia"))
     require_inertia(surer, MIN_INERTIA_SIGMAS)
-    estimate = include_missing_torque(estimate, model.canonical())
-    base_estimate = include_missing_torque(base_estimate, base.canonical()) if model.effects else estimate
-    estimate = average_over_suspects(estimate.with_thrust_scale_uncertainty(model.thrust_scale_uncertainty), suspected)
-    if not model.effects:
-        base_estimate = estimate
+    if plain is None:
+        base_estimate = include_missing_torque(base_estimate, base.canonical())
+    if model.effects:
+        estimate = include_missing_torque(estimate, model.canonical())
+        estimate = estimate.with_thrust_scale_uncertainty(model.thrust_scale_uncertainty)
+    else:
+        estimate = replace(base_estimate, covariance=base_estimate.covariance + by_dropped)
     return StatedSelection(
-        selection=selection, causes=causes, suspected=suspected, estimate=estimate, base_estimate=base_estimate
+        selection=selection,
+        causes=causes,
+        suspected=suspected,
+        estimate=average_over_suspects(estimate, suspected),
+        base_estimate=base_estimate,
+        plain=plain,
     )
 
 

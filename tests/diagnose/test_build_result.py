@@ -12,7 +12,7 @@ import pytest
 
 from rovid.diagnose import algorithm, build_result, stated_selection
 from rovid.diagnose.algorithm import conclude, doubt_stand_ins
-from rovid.diagnose.build_result import _wave_finding, _without_signal, subsets
+from rovid.diagnose.build_result import _wave_finding, subsets
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stated_selection import (
@@ -166,6 +166,20 @@ def test_a_cause_that_a_formula_beats_is_a_suspect(
     assert any("A formula of rate and roll predicts" in one for one in told.warnings) is (is_beaten and lacks)
 
 
+@pytest.mark.parametrize("has_cause", [True, False])
+def test_the_plain_model_is_that_of_the_fit(selection: Selection, *, has_cause: bool) -> None:
+    """Without a cause its parameters, not those of the search, are the result."""
+    fitted = selection.base.model
+    model = replace(fitted, inertia=1.1 * fitted.inertia)
+    plain: Any = SimpleNamespace(estimate=replace(estimate(), values=model.values), model=model)
+    told = conclude(selection if has_cause else replace(selection, model=selection.base), (), plain)
+    assert told.base is not None
+    assert told.extended is not None
+    assert (told.base.estimate, told.base.model) == (plain.estimate, model)
+    assert (told.extended.model == model) is not has_cause
+    assert (told.extended.estimate.value("inertia") == model.inertia) is not has_cause
+
+
 def test_what_fails_without_the_dropped_cause_is_dropped_too(
     selection: Selection, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -206,19 +220,6 @@ def test_waves_smaller_than_their_standard_error_are_no_suspect(
     waves: Any = SimpleNamespace(fitted=selection.model, probability=0.97, gain=42.0, bic_gain=30.0, held_out_gain=9.0)
     monkeypatch.setattr(build_result, "size_in_errors", lambda *_: size)
     assert (_wave_finding(replace(selection, waves=waves)) is not None) == is_suspect
-
-
-@pytest.mark.parametrize(("effect", "steered", "found"), [
-    ("command_delay", True, ["slew_limit"]), ("thruster_lag", True, ["slew_limit"]), ("command_delay", False, []),
-    ("bias_torque", True, []),
-])  # fmt: skip
-def test_a_delay_of_a_rudder_may_be_a_slew_limit_of_its_gear(effect: str, steered: bool, found: list[str]) -> None:
-    """The limit acts on the angle; the command of yaw alone is the angle times the squared speed."""
-    thrusters = [SimpleNamespace(steering=object() if steered else None)]
-    selection: Any = SimpleNamespace(
-        data=SimpleNamespace(vehicle=SimpleNamespace(thrusters=thrusters)), multi_step=False
-    )
-    assert [one.id for one in _without_signal(selection, effect_named(effect))] == found
 
 
 def test_amplitudes_of_other_numbers_of_cycles_are_other_parameters() -> None:
