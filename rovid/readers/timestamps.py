@@ -21,6 +21,8 @@ if TYPE_CHECKING:  # pandas takes long to import.
     import pandas as pd
 
 _SCALE = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# Serial days of spreadsheets since 1899-12-30: days of the years 1954 to 2119, s in a day, steps of 0.2 ms to 9 s.
+_DAYS, _DAY, _DAY_STEP = (2e4, 8e4), 86400.0, (2.3e-9, 1e-4)
 # Unit at the end of a column's name: "time_ms", "t [us]", "stamp(ns)", "millis", "t_usec", "TimeUS".
 _UNIT_AT_END = re.compile(
     r"(?:^|[^a-z]|(?-i:(?<=[a-z])(?=[A-Z])))(?:(m|u|µ|μ|n)s(?:ec)?s?|(milli|micro|nano)s?(?:ec(?:ond)?s?)?)\W*$",
@@ -83,6 +85,10 @@ def to_seconds(values: NDArray[Any], name: str, declared: str, origin: int | Non
     sample = sample[sample < 1e30]  # Larger numbers are no times.
     magnitude = float(np.median(sample)) if sample.size else 0.0
     scale = _SCALE[time_unit(name, magnitude, declared)]
+    if scale == 1.0 and declared != "s" and _DAYS[0] < magnitude < _DAYS[1] and values.dtype.kind == "f":
+        step = subsampled_median((steps := np.abs(np.diff(values)))[steps > 0.0])
+        if _DAY_STEP[0] < step < _DAY_STEP[1]:  # A float of such a day is exact to a microsecond.
+            return np.asarray(np.round((values - np.nanmin(values)) * _DAY, 5), dtype=np.float64)
     relative: FloatArray = values
     if values.dtype.kind == "i":
         if origin is None:
