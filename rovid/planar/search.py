@@ -20,7 +20,7 @@ from rovid.core.errors import DataError
 from rovid.core.threads import thread_map
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import PLANAR_FORMS, Effect
-from rovid.effects.base import WaterCurrent
+from rovid.effects.base import SensorPlace, WaterCurrent
 from rovid.estimate.fisher_information import inverse_information
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import PlanarScoreTest
@@ -289,15 +289,17 @@ class PlanarSearch:
             if test.gain >= max(least, _SHARE * tests[0].gain) and not alike:
                 groups.setdefault(test.effect.id, []).append(test)
         found, since = [], self.budget.clock()
-        chosen = list(groups.values())[:_CAUSES]
+        # A place that rovid.toml lacks is tried first, with complete steps: causes imitate it.
+        chosen = sorted(groups.values(), key=lambda group: not isinstance(group[0].effect.acts, SensorPlace))[:_CAUSES]
         for done, group in enumerate(chosen):
             if self.budget.skips(group[0].effect.id):
                 continue
             self.budget.tell("Fitting", done, len(chosen), since)
-            forms = [test for test in group if not _wanders(test.effect)]
+            forms = [test for test in group if not getattr(test.effect.acts, "wanders", False)]
             found += [self.extended(fitted, test) for test in forms[:_FORMS]]
         found = [one for one in found if not self.is_unresolved(one)]
-        wandering = [test for test in tests if _wanders(test.effect)]
+        found = [self.polish(one) if isinstance(one.effects[-1].acts, SensorPlace) else one for one in found]
+        wandering = [test for test in tests if getattr(test.effect.acts, "wanders", False)]
         best = max(found, key=self.score, default=fitted)
         # A current wanders only where a constant one explains most.
         if wandering and self.causes(best) and best.effects[-1].id == wandering[0].effect.id:
@@ -390,10 +392,6 @@ class PlanarSearch:
     def is_banned(self, fitted: PlanarOptimum) -> bool:
         """Whether a model has a banned effect."""
         return any(effect.key in self.banned for effect in fitted.effects)
-
-
-def _wanders(effect: Effect) -> bool:
-    return isinstance(effect.acts, WaterCurrent) and effect.acts.wanders
 
 
 def _key(effects: Sequence[Effect]) -> Key:
