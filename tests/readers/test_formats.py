@@ -171,7 +171,7 @@ def test_when_each_trial_began_where_every_log_tells(tmp_path: Path, config: Con
     for name, hour in (("b.csv", 12), ("a.csv", 14)):
         begun = np.datetime64(f"2026-01-07T{hour}:00:00", "ms")
         time, heading = turning(seed=hour, rate=hour - 5.0)
-        moments = [f"{begun + round(1000 * t)}Z" for t in time]
+        moments = [f"{moment}Z" for moment in begun + np.round(1000 * time).astype("timedelta64[ms]")]
         (tmp_path / name).write_text(csv_text(standard(time_s=moments, heading_deg=heading % 360.0)))
     second, first = read_campaign([tmp_path], config).trials
     assert (first.campaign_time, second.campaign_time) == pytest.approx((0.0, 7200.0))
