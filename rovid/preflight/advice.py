@@ -81,7 +81,7 @@ def advise(
         return []
     found: list[Advice] = []
     if vehicle.assumptions:
-        text = f"Measure {vehicle.assumptions.listing}, and put it into rovid.toml, where rovid init wrote a guess."
+        text = f"Measure {vehicle.assumptions.listing}, and put it into rovid.toml, in place of a guess."
         found.append(Advice(kind="guessed", text=text))
     found += joined_clocks(clocks) if clocks else ()
     if text := all_reversed(thrusters, vehicle.axis):
@@ -275,7 +275,9 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle, overrides: FaultOverrid
         why = str(error)
     body = vehicle.rigid_body_inertia
     inertia = math.nan if estimate is None else estimate.value("inertia")
+    # Without a rudder's coefficient the inertia has no scale.
     implausible = body is not None and inertia > 0.0 and not 1.0 / _IMPLAUSIBLE < inertia / body < _IMPLAUSIBLE
+    implausible &= not vehicle.assumptions.includes_coefficient
     if estimate is None or implausible or not estimate.standard_error("inertia") <= _UNCERTAIN * inertia:
         try:
             fitted = fit_likelihood(runs, vehicle).estimate

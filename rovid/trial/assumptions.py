@@ -34,6 +34,11 @@ class Assumptions:
         return any(item.startswith("curve of ") for item in self.items)
 
     @property
+    def includes_coefficient(self) -> bool:
+        """Whether the coefficient of a rudder is guessed."""
+        return any(item.startswith("coefficient of ") for item in self.items)
+
+    @property
     def ratios_hold(self) -> bool:
         """Whether the guesses are one common factor on all torques, so that ratios of torques hold."""
         return not self.includes_curve and len(self.items) in {0, self.thrusters}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from rovid.core.errors import ConfigError
 from rovid.effects import effect_named
+from rovid.preflight.advice import advise
 from rovid.store.study import open_study
 from rovid.trial.config import load_config
 from rovid.trial.vehicle import ThrustCurve
@@ -60,6 +62,12 @@ def test_a_rudder_without_a_coefficient_is_a_guess_of_scale(tmp_path: Path) -> N
     free = open_study([tmp_path])
     assert (study.vehicle.assumptions.listing, free.vehicle.assumptions.listing) == ("", "coefficient of rudder")
     assert free.vehicle.assumptions.ratios_hold
+    # An inertia without a scale is not compared with that of mass and size.
+    for one, kinds in ((study, ["scale"]), (free, [])):
+        assert one.runs is not None
+        vehicle = replace(one.vehicle, rigid_body_inertia=1e6)
+        advice = advise([run.trial for run in one.runs.items], vehicle)
+        assert [each.kind for each in advice if each.kind == "scale"] == kinds
     ratios = []
     for one in (study, free):
         estimate = one.likelihood().estimate
