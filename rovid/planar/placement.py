@@ -56,5 +56,7 @@ def proposed_places(best: PlanarOptimum, data: PlanarData) -> Iterator[str]:
             continue
         plain = PlanarOptimum.fit(likelihood, best.x) if best.is_multi_step else best
         placed = plain.with_effect(effect)
-        if plain.value - placed.value > needed:
+        # Where each disturbance stays at its limit, the place stands for something else that the model misses.
+        explains = placed.is_white or placed.limited.sum() < plain.limited.sum()
+        if explains and plain.value - placed.value > needed:
             yield from place_entries(placed.effect_estimate(effect), (effect,), plain.value - placed.value)
