@@ -96,6 +96,7 @@ def readings(tab: Tab) -> list[str]:
 
 @in_browser
 def test_the_sample_days_page_opens_quickly_and_moves(browser: Tab, sample_page: Path) -> None:
+    assert sample_page.stat().st_size < 3e6
     browser.call("Performance.enable")
     opened(browser, sample_page)
     spent = {each["name"]: each["value"] for each in browser.call("Performance.getMetrics")["metrics"]}

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from rovid.core.errors import display_text
 from rovid.core.formatting import SafeConsole, labelled_text
-from rovid.present.console import bind_units, wrap_text
+from rovid.present.console import VERDICT_STYLES, bind_units, print_labelled, wrap_text
 from tests.hostile import NAMES, STEERING
 
 SAID = (
@@ -72,3 +72,16 @@ def test_nothing_that_is_printed_steers_a_terminal(name: str) -> None:
     assert not STEERING.search(text)
     assert display_text(name, 2000)[:100] in text, "as it is: neither markup nor an emoji"
     assert len(text) < 40_000
+
+
+def test_a_verdict_has_a_colour_and_without_colours_bold_type(monkeypatch: pytest.MonkeyPatch) -> None:
+    def printed(kind: str) -> str:
+        stream = io.StringIO()
+        print_labelled(SafeConsole(file=stream, force_terminal=True), "Go", style=VERDICT_STYLES[kind])
+        return stream.getvalue()
+
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert len({printed(kind) for kind in VERDICT_STYLES}) == 3
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert {printed(kind) for kind in VERDICT_STYLES} == {"\x1b[1mGo\x1b[0m\n"}
