@@ -177,7 +177,9 @@ def _struck_counts(struck: Sequence[Record], visible: Sequence[Record], bare: Se
         f"A share of {GOAL} or more: {reached} campaigns. The best formula has the signals of the struck effect in "
         f"{_count(visible, right_signals)}. With nothing hidden a formula is offered in {offered}."
     )
-    return text + (f" Without a reference of {VISIBLE:.0f} nats: {', '.join(unseen)}." if unseen else "")
+    left = sorted({*DRIVERS} - {one["hidden"] for one in struck})
+    text += f" Without a reference of {VISIBLE:.0f} nats: {', '.join(unseen)}." if unseen else ""
+    return text + (f" Not run yet: {', '.join(left)}." if left else "")
 
 
 def _outside_counts(outside: Sequence[Record]) -> str:
