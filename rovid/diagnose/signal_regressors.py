@@ -41,16 +41,19 @@ def signal_regressors(runs: Sequence[Run]) -> tuple[Effect, ...]:
         signal = _standardise(runs, name)
         if signal is None:
             continue
-        effects += [_effect(signal, way, rates) for way in _PARAMETERS if (name, way) not in _CATALOGUED]
+        ways = ("torque",) if name == runs[0].trial.axis.position_signal else _PARAMETERS
+        effects += [_effect(signal, way, rates) for way in ways if (name, way) not in _CATALOGUED]
     return tuple(effects)
 
 
 def signal_names(runs: Sequence[Run]) -> list[str]:
-    """Channels and tilts that every run has, besides position and commands."""
+    """Channels and tilts that every run has, and the position along an axis; effects of the catalogue have an angle."""
     names = []
     for run in runs:
+        axis = run.trial.axis
+        own = set[str]() if axis.angular or run.trial.rate_only else {axis.position_signal}
         tilts = {name for name in _TILTS if getattr(run.trial, name) is not None}
-        names.append(tilts | set(run.trial.extras))
+        names.append(own | tilts | set(run.trial.extras))
     return sorted(set.intersection(*names)) if names else []
 
 
@@ -66,6 +69,8 @@ def signal_name(effect: Effect) -> str:
 
 def _values(trial: Trial, name: str) -> FloatArray:
     """(n,) signal in its own unit."""
+    if name == trial.axis.position_signal:
+        return np.interp(trial.time, trial.time[trial.measured], trial.position[trial.measured])
     values = getattr(trial, name) if name in _TILTS else trial.extras[name]
     return np.asarray(values)
 

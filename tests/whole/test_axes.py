@@ -264,3 +264,37 @@ def test_no_word_of_yaw_is_said_of_surge(tmp_path: Path, rovid: Rovid) -> None:
     assert done[1].code == 2
     said = done[0].out + done[1].err
     assert not re.search(r"turn|heading|yaw|torque|N m\b|rad", said), said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [0.0, 4.0])
+def test_a_spring_along_an_axis_is_told_by_the_position(stiffness: float, tmp_path: Path, rovid: Rovid) -> None:
+    """A hose pulls a vehicle of 160 kg back: no effect of the catalogue along an axis, but its signal is named."""
+    rng = np.random.default_rng(SEED)
+    print(f"ROVID_SEED={SEED}")
+    day = tmp_path / "day"
+    day.mkdir()
+    (day / "rovid.toml").write_text(
+        '[vehicle]\nname = "v"\n[[thrusters]]\nname = "main"\nsurge = 1.0\ncurve = "curve.csv"\ncommand = "volt"\n'
+        '[signals]\ntime = "time_s"\nsurge_position = { csv = "x_m", unit = "m" }\n'
+    )
+    (day / "curve.csv").write_text("command,thrust_N\n-5,-100\n0,0\n5,100\n")
+    step, every, fade = 0.01, 10, np.exp(-0.01 / 5.0)
+    for number in range(6):
+        time = np.arange(0.0, 120.0, step)
+        levels = rng.uniform(-4.0, 4.0, 20)
+        command = np.where(time < 5.0, 0.0, levels[np.arange(len(time)) // 600])
+        disturbance = speed = place = 0.0
+        places = np.empty(len(time))
+        for at, volt in enumerate(command):
+            places[at] = place
+            disturbance = fade * disturbance + np.sqrt(1.0 - fade**2) * 0.5 * rng.normal()
+            force = 20.0 * volt - 40.0 * abs(speed) * speed - 15.0 * speed - stiffness * place + disturbance
+            place += step * (speed + 0.5 * step * force / 160.0)
+            speed += step * force / 160.0
+        noisy = places + 0.002 * rng.normal(size=len(time))
+        frame = pd.DataFrame({"time_s": time, "volt": command, "x_m": noisy})[::every]
+        frame.to_csv(day / f"run_{number}.csv", index=False)
+    document = rovid("diagnose", "day", "--axis", "surge", "--json").document
+    assert document["verdict"] == ("unexplained" if stiffness else "nothing_found")
+    assert document["unexplained"]["depends_on"] == (["surge_position"] if stiffness else [])
