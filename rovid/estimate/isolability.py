@@ -12,18 +12,24 @@ from rovid.core.array_types import FloatArray
 from rovid.core.threads import thread_map
 from rovid.effects import Effect, forms_for
 from rovid.effects.actuator_inputs import SPEEDS
-from rovid.estimate.dataset import effect_scales, rms, rms_nonzero, time_constant
+from rovid.estimate.dataset import rms, rms_nonzero, time_constant
 from rovid.estimate.experiment_design import DECISIVE_LLR, CandidateModel, fit_objective, noise_free
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.nested_fits import scaled_start
 from rovid.estimate.parametrization import COMMON, DISTURBANCE
+from rovid.estimate.sized_causes import (
+    SIZE_SHARES,
+    SizedCause,
+    channels,
+    simulated_rates,
+    sized_cause,
+    split_causes,
+    with_effect,
+)
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
-# Sizes of a cause without a fitted one: the RMS change of the simulated rate over the RMS rate. The first one that the
-# programme shows counts: a part of the change of the rate may equal that by other parameters. Convention.
-SIZE_SHARES = (0.02, 0.08, 0.3)
 # Shares of the initial size of the rival at which its fit may start, and steps of a coarse and of a full fit.
 # Above this log-likelihood ratio (nats) of a coarse fit, the pair is separated whatever a full fit gives.
 _STARTS, _COARSE_STEPS, _STEPS, _CERTAIN = (1.0, 0.2, 0.04), 3, 12, 10.0 * DECISIVE_LLR
@@ -41,20 +47,6 @@ _TORQUE_ERROR, _VOLTAGE_ERROR, _SPEED_ERROR = 0.02, 0.005, 0.01
 _BLOCKS = 300
 # Least eigenvalue of a scaled information, relative to the largest, below which it is flat.
 _FLAT = 1e-10
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SizedCause:
-    """A possible cause with its parameters in SI units."""
-
-    effect: Effect
-    values: FloatArray  # (k,)
-    share: float | None = None  # RMS change of the simulated rate over the RMS rate, of `SIZE_SHARES`; None: fitted
-
-    @property
-    def name(self) -> str:
-        """Key of the effect."""
-        return self.effect.key
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,75 +80,6 @@ class IsolabilityMatrix:
     def separated_by(self, sensor: str) -> list[PairSeparation]:
         """Pairs that the programme separates only with a further sensor."""
         return [pair for pair in self.open_pairs if pair.with_sensor[sensor] <= self.seconds]
-
-
-def split_causes(fitted: CandidateModel, named: Sequence[Effect]) -> tuple[CandidateModel, list[SizedCause]]:
-    """The model without the ``named`` effects, and these effects at their fitted sizes."""
-    own = {one.effect: one.parameters for one in fitted.model.bound_effects}
-    kept = [effect for effect in fitted.model.effects if effect not in named]
-    values = [float(value) for effect in kept for value in own[effect]]
-    model = replace(fitted.model, effects=tuple(kept), effect_values=tuple(values))
-    return replace(fitted, model=model), [SizedCause(effect=effect, values=own[effect]) for effect in named]
-
-
-def sized_causes(base: CandidateModel, vehicle: Vehicle, programme: Sequence[Trial]) -> list[SizedCause]:
-    """One form of each effect that can be tested and that ``base`` lacks, at the smallest of `SIZE_SHARES`."""
-    forms: dict[str, Effect] = {}
-    for form in forms_for(vehicle, _channels(programme)):
-        # The phase of waves is random: no simulation shows them.
-        if not form.is_wave and form.id not in {effect.id for effect in base.model.effects}:
-            forms.setdefault(form.id, form)
-    sized = thread_map(lambda form: sized_cause(form, base, vehicle, programme), forms.values())
-    return [cause for cause in sized if cause is not None]
-
-
-def tested_causes(
-    base: CandidateModel,
-    fitted: Sequence[SizedCause],
-    wanted: Sequence[Effect],
-    vehicle: Vehicle,
-    programme: Sequence[Trial],
-) -> list[SizedCause]:
-    """The ``wanted`` causes, or all if there are none, at their ``fitted`` sizes or the least of `SIZE_SHARES`."""
-    own = {cause.effect.id: cause for cause in fitted}
-    if not wanted:
-        return [own.get(cause.effect.id, cause) for cause in sized_causes(base, vehicle, programme)]
-    sized = [own.get(effect.id) or sized_cause(effect, base, vehicle, programme) for effect in wanted]
-    return [cause for cause in sized if cause is not None]
-
-
-def sized_cause(
-    effect: Effect, base: CandidateModel, vehicle: Vehicle, programme: Sequence[Trial], share: float = SIZE_SHARES[0]
-) -> SizedCause | None:
-    """The cause at the size that changes the simulated rate by a ``share``; None where no size does."""
-    from scipy import optimize  # The import takes long.
-
-    model = base.model
-    plain = _rates(model, vehicle, programme)
-    rate = rms(plain)
-    torques = [model.torque_input(vehicle, trial).torque for trial in programme]
-    constant = time_constant(model, rate)
-    scales = effect_scales(programme, vehicle, rms_nonzero(np.concatenate(torques)), rate, constant)
-    units = np.array(list(map(scales.unit_size, effect.parameters)))
-    start = effect.initial_values[0]
-
-    def at(size: float) -> FloatArray:
-        scaled = scaled_start(effect, start, size)
-        for k, parameter in enumerate(effect.parameters[: effect.size_count]):
-            if parameter.neutral_at_infinity:
-                scaled[k] = np.clip(start[k] / size, parameter.low, parameter.high)
-        return np.asarray(scaled * units)
-
-    def excess(exponent: float) -> float:
-        changed = _rates(_with_effect(model, effect, at(math.exp(exponent))), vehicle, programme)
-        difference = rms([one - other for one, other in zip(changed, plain, strict=True)])
-        return math.log(difference / rate / share) if math.isfinite(difference) else 1.0
-
-    low, high = math.log(1e-3), math.log(30.0)
-    if excess(high) < 0.0:
-        return None
-    exponent = low if excess(low) > 0.0 else float(optimize.brentq(excess, low, high, xtol=0.02))
-    return SizedCause(effect=effect, values=at(math.exp(exponent)), share=share)
 
 
 def isolability(
@@ -200,7 +123,7 @@ def isolability(
         causes=tuple(shown),
         invisible=tuple(sorted({cause.name for cause in causes}.difference(cause.name for cause in shown))),
         pairs=tuple(sorted(pairs, key=lambda pair: (-pair.seconds, pair.gain))),
-        sensor_causes=_sensor_causes(vehicle, _channels(programme)),
+        sensor_causes=_sensor_causes(vehicle, channels(programme)),
     )
 
 
@@ -235,17 +158,17 @@ def expected_separations(
     return found
 
 
-def _sensor_causes(vehicle: Vehicle, channels: set[str]) -> dict[str, tuple[str, ...]]:
-    """Ids of the effects that a vehicle with these ``channels`` can test only with each further sensor."""
+def _sensor_causes(vehicle: Vehicle, logged: set[str]) -> dict[str, tuple[str, ...]]:
+    """Ids of the effects that a vehicle with ``logged`` channels can test only with each further sensor."""
 
-    def ids(logged: set[str]) -> list[str]:
-        return list(dict.fromkeys(form.id for form in forms_for(vehicle, logged)))
+    def ids(channels: set[str]) -> list[str]:
+        return list(dict.fromkeys(form.id for form in forms_for(vehicle, channels)))
 
-    known = ids(channels)
+    known = ids(logged)
     return {
-        name: tuple(one for one in ids(channels.union(own)) if one not in known)
+        name: tuple(one for one in ids(logged.union(own)) if one not in known)
         for name, own in SENSORS.items()
-        if not channels.issuperset(own)
+        if not logged.issuperset(own)
     }
 
 
@@ -257,22 +180,14 @@ def _decision(gains: FloatArray, ends: FloatArray) -> float:
     return float(ends[-1] * DECISIVE_LLR / gains[-1]) if gains[-1] > _NOTHING else math.inf
 
 
-def _with_effect(model: Model, effect: Effect, values: FloatArray) -> Model:
-    return replace(model, effects=(*model.effects, effect), effect_values=(*model.effect_values, *map(float, values)))
-
-
-def _rates(model: Model, vehicle: Vehicle, programme: Sequence[Trial]) -> list[FloatArray]:
-    return [model.simulate(trial, model.torque_input(vehicle, trial))[0] for trial in programme]
-
-
 class ExpectedFits:
     """Fits of rivals to the programme as simulated with one true cause."""
 
     def __init__(self, base: CandidateModel, true: SizedCause, vehicle: Vehicle, programme: Sequence[Trial]) -> None:
         self._base, self._vehicle, self._programme = base, vehicle, programme
-        truth = replace(base, model=_with_effect(base.model, true.effect, true.values))
+        truth = replace(base, model=with_effect(base.model, true.effect, true.values))
         usual = float(np.median([trial.sampling_interval for trial in programme]))
-        rate = rms(_rates(base.model, vehicle, programme))
+        rate = rms(simulated_rates(base.model, vehicle, programme))
         interval = time_constant(base.model, rate) / _READINGS_PER_CONSTANT
         if interval < 2.0 * usual:
             interval = 0.0
@@ -406,11 +321,6 @@ def sensor_readings(
     values, time = np.concatenate(columns), np.concatenate(times)
     torque = np.concatenate([bare.torque_input(vehicle, trial).torque for trial in programme])
     noise = (_TORQUE_ERROR * rms_nonzero(torque), _VOLTAGE_ERROR, _SPEED_ERROR)
-    logged = _channels(programme)
+    logged = channels(programme)
     sensors = zip(SENSORS, values.T / np.array(noise)[:, None], strict=True)
     return {name: (time, column) for name, column in sensors if not logged.issuperset(SENSORS[name])}
-
-
-def _channels(programme: Sequence[Trial]) -> set[str]:
-    """Channels that all runs have."""
-    return set.intersection(*(set(trial.channels) for trial in programme))
