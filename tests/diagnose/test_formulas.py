@@ -128,6 +128,7 @@ def test_the_file_of_two_products_is_a_plugin() -> None:
     rate, roll = Product((factor("rate", "cubic"),)), Product((factor("roll", "square"),))
     for products in ((rate, roll), (roll, Product((factor("thrust:a", "root"),)))):
         effect = effect_of(effect_source(products, (1.0, 1.0), units, name="mine", axis="yaw"))
+        assert effect.size_count == 2
         plugins._check(effect, ())  # noqa: SLF001 - raises where the effect is no plug-in
 
 

@@ -189,11 +189,12 @@ class _Page(Markdown):
 
 # Words of a question that no passage needs to hold.
 _COMMON = """a about an and are be can do does for from has have how i in is it long many me mean much my need of on or
-    should the to use what when where which who why will with you"""
+    must should the there to use what when where which who why will with would you"""
 # Most passages shown.
 _MOST = 4
 # A paragraph, a row of a table, or an item of a list.
 _END_OF_BLOCK = re.compile(r"\n\s*\n|\n(?=\||\* |\d+\. )")
+_HEADING = re.compile(r"^(#.*\n)", re.MULTILINE)
 _CODE = re.compile(r"^ *```.*?^ *```$", re.DOTALL | re.MULTILINE)
 
 
@@ -232,7 +233,7 @@ def show_page_or_passages(console: Console, topic: str) -> None:
 def _passages() -> Iterator[Passage]:
     for topic in topic_names():
         heading = ""
-        for block in _END_OF_BLOCK.split(_CODE.sub("", topic_text(topic))):
+        for block in _END_OF_BLOCK.split(_HEADING.sub(r"\1\n", _CODE.sub("", topic_text(topic)))):
             if block.startswith("#"):
                 heading = block.strip("# ")
             elif block.startswith("|"):
