@@ -138,8 +138,9 @@ class Api:
                 folder = Path(name)
                 for output, text in config_files(survey).items():
                     (folder / output.path.name).write_text(text, encoding="utf-8")
-                if survey.curve and not (folder / survey.curve).exists():
-                    shutil.copyfile(survey.folder / survey.curve, folder / survey.curve)
+                for curve in survey.curves:
+                    if not (folder / curve).exists():
+                        shutil.copyfile(survey.folder / curve, folder / curve)
                 return _check(paths, folder / FILE_NAME, survey.folder / FILE_NAME, planar=form.planar)
 
     def save(self, document: object) -> Document:

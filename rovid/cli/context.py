@@ -85,7 +85,7 @@ def existing_parameters(shared: SharedOptions, *, planar: bool = False) -> Param
         text = f"holds the parameters of {stored.axis.name}, but --axes is planar."
     elif stored.axis is PLANAR and not planar:
         text = "holds the parameters of surge, sway and yaw together."
-        mend = "Give --axes planar where the command has it, or the file of one axis with -p."
+        mend = "Give --axes planar where the command has it, or fit yaw alone: `rovid fit LOGS`, and its file with -p."
     elif axis and stored.axis.name != axis:
         text = f"holds the parameters of {stored.axis.name}, but --axis is {axis}."
     else:

@@ -172,7 +172,8 @@ def load_exporter(name: str, suffix: str = "", *, planar: bool = False) -> Expor
     if not function:
         able = [one for one, form in FORMATS.items() if form.planar]
         text = f"is {name!r}, which cannot hold surge, sway and yaw together."
-        raise ConfigError(text, where="FORMAT", mend=f"Give one of {', '.join(able)}.")
+        mend = f"Give one of {', '.join(able)}. Or fit yaw alone, without --axes planar, and export that."
+        raise ConfigError(text, where="FORMAT", mend=mend)
     exporter: Exporter = getattr(import_module(f"rovid.export.{form.module}"), function)
     return exporter
 

@@ -42,6 +42,8 @@ _LONGER, _MOST_FREEZES, _SETTLED = 1.5, 3, 1.0
 # same length (1.1 at most in 40 undamaged campaigns, most of them in hard water), over that of the torque that moves
 # the vehicle elsewhere in the log, and share of the latter that the model may leave unexplained there.
 _EXCESS, _MIN_STRETCHES, _MOVES, _UNEXPLAINED = 2.0, 4, 0.3, 0.5
+# The same excess where the model includes the stretch.
+_LEAST_EXCESS = 1.0
 # Least number of times that the unexplained torque passes from one side of its mean to the other, by half a standard
 # deviation on each side: a thruster that fails in a hold changes the torque once.
 _PASSES, _SIDE = 2, 0.5
@@ -117,12 +119,13 @@ def _detect_frozen(data: RunsData) -> Iterator[Detection[RunsData]]:
     starts, first = log_starts(data.runs), fit_quick_model(data.runs, data.vehicle)
     for run in data.runs:
         stretches = [pair for pair in _still(run) if first and _moves(data, run, pair, first)]
+        others = cut_out(data, run, stretches) if stretches else data
+        # A fit takes long, so the model of all data comes first. It is drawn towards frozen commands.
+        stretches = [pair for pair in stretches if first and _is_driven(others, run, pair, first, _LEAST_EXCESS)]
         if not stretches:
             continue
-        # The model of all data is drawn towards frozen commands. The model of the others decides.
-        others = cut_out(data, run, stretches)
         model = fit_quick_model(others.runs, data.vehicle)
-        stretches = [pair for pair in stretches if model and _is_driven(others, run, pair, model)]
+        stretches = [pair for pair in stretches if model and _is_driven(others, run, pair, model, _EXCESS)]
         if not stretches:
             continue
         begins = tuple(run.trial.campaign_time - starts[log_name(run)] + begin for begin, _ in stretches)
@@ -170,8 +173,8 @@ def _moves(data: RunsData, run: Run, stretch: tuple[float, float], model: QuickM
     return bool(np.std((moving - run.filtered_torque)[inside]) > 0.5 * _MOVES * np.std(moving[run.valid]))
 
 
-def _is_driven(others: RunsData, run: Run, stretch: tuple[float, float], model: QuickModel) -> bool:
-    """Whether torques that the ``model`` of the ``others`` does not explain move the vehicle both ways in a stretch."""
+def _is_driven(others: RunsData, run: Run, stretch: tuple[float, float], model: QuickModel, excess: float) -> bool:
+    """Whether torques that ``model`` does not explain move the vehicle both ways in a stretch, unlike in ``others``."""
     length = stretch[1] - stretch[0]
     inside = run.valid & (run.rates.time > stretch[0]) & (run.rates.time < stretch[1])
     period, tau = run.rates.kernel.period, min(model.time_constant, _SMOOTHED * length)
@@ -184,7 +187,7 @@ def _is_driven(others: RunsData, run: Run, stretch: tuple[float, float], model: 
             moved.append(parts[0])
             unexplained.append(parts[1])
         levels += [float(np.std(parts[1][rows])) for rows in _stretches(one.rates.time[one.valid], length)]
-    if len(levels) < _MIN_STRETCHES or not moved or size < _EXCESS * max(levels):
+    if len(levels) < _MIN_STRETCHES or not moved or size < excess * max(levels):
         return False
     usual, left = (float(np.std(np.concatenate(each))) for each in (moved, unexplained))
     if size < _MOVES * usual or left > _UNEXPLAINED * usual:

@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.optimize import nnls
-from scipy.signal import lfilter
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
@@ -129,6 +127,8 @@ def _with_sway(runs: Sequence[dataset.SmoothRun], start: StartValues) -> Iterato
     The centripetal force of a turn and the actuators drive the sway: m_v (v' + v/T) = Y - m_u u r. With the true m_v
     and T, the Munk moment of this sway explains the most of the yaw. The lift of a rudder is another unknown.
     """
+    from scipy.signal import lfilter  # The import takes long.
+
     mass, rudders = float(start.model.base[0]), start.model.rudders
     lever = max((abs(rudder.position[0]) for rudder in rudders), default=0.0)
     unit = lever / float(start.speed[0]) if lever else float(start.time[2])
@@ -259,6 +259,8 @@ def _regression(
 
 def _bounded(columns: Sequence[FloatArray], target: FloatArray, free: tuple[int, ...]) -> tuple[FloatArray, float]:
     """Coefficients of 0 or more, ``free`` ones of either sign, and the share of the target's power that is left."""
+    from scipy.optimize import nnls  # The import takes long.
+
     matrix = np.column_stack(columns)
     scale = np.sqrt(np.mean(matrix**2, axis=0))
     used = np.flatnonzero(scale > 1e-12 * max(float(scale.max()), 1e-300))

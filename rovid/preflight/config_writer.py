@@ -13,8 +13,9 @@ from rovid.core.formatting import toml_key, toml_text
 from rovid.core.output_files import GUESSED_CURVE as GUESSED
 from rovid.core.output_files import OutputFile, OutputSet
 from rovid.preflight.axis_guess import PlanarGuess, config_lines, inline_table, propeller_lines, share_lines
+from rovid.preflight.curve_guess import FULL_THRUST, GUESSED_CURVE
 from rovid.preflight.drive_guess import RudderGuess
-from rovid.preflight.log_survey import FULL_THRUST, GUESSED_CURVE, LogSurvey, all_commands, output_files
+from rovid.preflight.log_survey import LogSurvey, all_commands, output_files
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.thruster_guess import ThrusterCommand
 from rovid.readers import read_campaign
@@ -166,7 +167,7 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
             yield "yaw_arm = 0.0    # m: an assumption, for a thruster that does not turn the vehicle"
         else:
             yield from (f"{mark}{line}" for line in _arm(survey, commands))
-        yield f"{mark}curve = {toml_text(survey.curve)}"
+        yield f"{mark}curve = {toml_text(survey.curve_of(name))}"
         if survey.curve_guessed:
             yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
         yield f"{mark}command = {inline_table({kind: command.source for kind, command in commands.items()})}"

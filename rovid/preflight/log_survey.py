@@ -1,19 +1,21 @@
 """Survey of logs for `rovid init`: mapping of the columns, type of vehicle, thrust curve, and the user's overrides."""
 
 import itertools
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from rovid.core.errors import DataError, RovidError, shortened_list, suggestion
-from rovid.core.input_files import list_files, require_exists
+from rovid.core.errors import DataError, shortened_list, suggestion
+from rovid.core.input_files import require_exists
 from rovid.core.output_files import CONFIG, OutputFile
 from rovid.core.output_files import GUESSED_CURVE as GUESSED
 from rovid.preflight.axis_guess import PlanarGuess, further_thrusters, guess_planar
 from rovid.preflight.clock_alignment import ClockOffsets
-from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs, resolve_source
+from rovid.preflight.curve_guess import GUESSED_CURVE, measured_curves, thrust_curves
+from rovid.preflight.log_reading import LogsRead, folder_of, read_logs, resolve_source
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, thruster_outputs, vehicle_type
@@ -22,21 +24,13 @@ from rovid.trial.axis import AXES, YAW, Axis
 from rovid.trial.config import FILE_NAME
 from rovid.trial.cutting import Exclusion
 from rovid.trial.log_files import Join
-from rovid.trial.tables import read_curve
 from rovid.trial.vehicle import ThrustCurve
 from rovid.trial.vehicle_presets import VehiclePreset, load_preset
 
-GUESSED_CURVE = "thrust_guess.csv"
 # Reason of a signal that the user chose.
 CHOSEN = "chosen by hand"
 # Prefix of ArduPilot's outputs.
 _OUTPUT = "RCOU.C"
-# N, thrust at the end of a guessed curve. Yaw data do not determine a common scale of all thrusts.
-FULL_THRUST = 100.0
-# us, lowest and highest pulse width of a guessed curve.
-_PULSES = (1100.0, 1900.0)
-# Ratio of the end of a guessed curve to the largest command in the logs.
-_HEADROOM = 1.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +103,7 @@ class LogSurvey:
     #: ``time_unit``, ``unit_reason``: unit of the clocks, auto if it follows from the column; reason of a guess.
     time_unit: str
     unit_reason: str
-    curve: str  #: Name of the thrust curve in the folder; empty without commands.
+    curves: tuple[str, ...]  #: Names of the thrust curves in the folder; empty without commands.
     new_curve: ThrustCurve | None  #: Curve to write under that name; None if the file exists.
     curve_guessed: bool  #: Whether the curve is a guess.
     logs: int  #: Number of logs read.
@@ -128,6 +122,17 @@ class LogSurvey:
     #: Format -> what surge and sway together with yaw need besides.
     planar: Mapping[str, PlanarGuess] = field(default_factory=dict)
     with_planar: bool = False  #: Whether the file is to be written for surge, sway and yaw together.
+
+    @property
+    def curve(self) -> str:
+        """Name of the first thrust curve; empty without commands."""
+        return next(iter(self.curves), "")
+
+    def curve_of(self, thruster: str) -> str:
+        """Name of the curve whose file name has the words of the ``thruster``'s name, or else of the first one."""
+        words = set(re.findall(r"[^\W_]+", thruster.lower()))
+        named = (one for one in self.curves if words <= set(re.findall(r"[^\W_]+", Path(one).stem.lower())))
+        return next(named, self.curve)
 
     @property
     def unrecognised(self) -> tuple[str, ...]:
@@ -203,10 +208,10 @@ def survey_read_logs(
         mappings = overrides.apply_to(mappings)
     commands = list(all_commands(mappings))
     driven = [command for command in commands if not command.is_motor]
-    curve, new_curve, is_guess = _thrust_curve(read.folder, driven, profile, read.problems)
+    curves, new_curve, is_guess = thrust_curves(read.folder, driven, profile, read.problems)
     planar = _planar(read, mappings) if options.axis is YAW else {}
     if not commands and options.planar and (largest := max((one.propeller[1] for one in planar.values()), default=0.0)):
-        curve = _measured_curve(read.folder, largest, largest, read.problems)
+        curves = measured_curves(read.folder, largest, largest, read.problems)
     [(unit, reason)] = read.time_units.items() if len(read.time_units) == 1 else [("auto", "")]
     measured = [mapping.measured for mapping in mappings.values() if mapping.signals]
     return LogSurvey(
@@ -216,7 +221,7 @@ def survey_read_logs(
         clock_sources=read.clocks,
         time_unit=unit,
         unit_reason=reason,
-        curve=curve,
+        curves=tuple(curves),
         new_curve=new_curve,
         curve_guessed=is_guess or (profile_guessed and new_curve is not None),
         profile=profile,
@@ -335,58 +340,6 @@ def _incomplete_logs(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> I
         for lacking, names in without.items():
             verbs = ("holds", "is it") if len(names) == 1 else ("hold", "are they")
             yield f"{shortened_list(names)}: {verbs[0]} no {lacking}; {verbs[1]} of another vehicle?"
-
-
-def _thrust_curve(
-    folder: Path, commands: Sequence[ThrusterCommand], profile: VehiclePreset | None, problems: list[str]
-) -> tuple[str, ThrustCurve | None, bool]:
-    """File name of the thrust curve, the curve if the file is new, and whether it is a guess.
-
-    A curve in the folder that covers the commands comes first, then that of the type of vehicle, then a straight line.
-    """
-    if not commands:
-        return "", None, False
-    lowest = min(command.lowest for command in commands)
-    highest = max(command.highest for command in commands)
-    if found := _measured_curve(folder, lowest, highest, problems):
-        return found, None, False
-    neutral = commands[0].neutral
-    if profile is not None and profile.curve is not None and neutral:
-        published = read_curve(profile.curve)
-        if _covers(published, lowest, highest):
-            return profile.curve.name, published, False
-    if neutral:
-        ends = np.array([min(_PULSES[0], lowest), neutral, max(_PULSES[1], highest)])
-    else:
-        largest = max(abs(lowest), abs(highest))
-        # Commands as shares of one or in percent end at 1 or 100.
-        end = next((full for full in (1.0, 100.0) if 0.3 * full < largest <= full), _HEADROOM * largest)
-        if largest <= 100.0 and any(command.in_percent for command in commands):
-            end = 100.0
-        ends = np.array([-end, 0.0, end])
-    above = ends - neutral
-    line = ThrustCurve(command=ends, thrust=FULL_THRUST * above / np.max(np.abs(above)))
-    return GUESSED_CURVE, line, True
-
-
-def _measured_curve(folder: Path, lowest: float, highest: float, problems: list[str]) -> str:
-    """Name of a thrust curve in the folder that covers the commands; empty without."""
-    for path in list_files(folder, lambda _: None).files:
-        if path.parent != folder or path.name == GUESSED_CURVE or not is_thrust_curve(path):
-            continue
-        try:
-            curve = read_curve(path)
-        except RovidError as error:
-            problems.append(str(error))
-            continue
-        if _covers(curve, lowest, highest):
-            return path.name
-    return ""
-
-
-def _covers(curve: ThrustCurve, lowest: float, highest: float) -> bool:
-    margin = 0.01 * curve.span
-    return bool(curve.command[0] <= lowest + margin and highest - margin <= curve.command[-1])
 
 
 def output_files(paths: Sequence[Path]) -> tuple[OutputFile, OutputFile]:

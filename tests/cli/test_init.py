@@ -280,3 +280,15 @@ def test_signals_of_another_axis_are_requested_and_can_be_given(tmp_path: Path, 
     assert "# depth = " in (tmp_path / "day" / "rovid.toml").read_text(encoding="utf-8")
     named = rovid("init", "day", "--axis", "surge", "--heading", "channel_3", "--force", "--json").document
     assert "surge_position" not in named["open"]
+
+
+def test_a_curve_with_the_name_of_a_thruster_is_that_of_this_thruster(tmp_path: Path, rovid: Rovid) -> None:
+    (tmp_path / "day").mkdir()
+    shutil.copy(SAMPLES / "rosub_hidden" / "steps.csv", tmp_path / "day")
+    for name in ("aft", "fore"):
+        shutil.copy(SAMPLES / "rosub_hidden" / "thrust_curve.csv", tmp_path / "day" / f"curve_{name}.csv")
+    rovid("init", "day", "--json")
+    written = tomllib.loads((tmp_path / "day" / "rovid.toml").read_text())
+    curves = {one["name"]: one["curve"] for one in written["thrusters"]}
+    assert len(curves) == 2
+    assert all(curve == f"curve_{'aft' if 'aft' in name else 'fore'}.csv" for name, curve in curves.items())
