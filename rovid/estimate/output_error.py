@@ -75,7 +75,9 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
     ``min_sigmas``: Least number of standard errors of the inertia from zero.
     """
     try:
-        return _regression(runs, min_sigmas)
+        found = _regression(tuple(runs))
+        require_inertia(found.estimate, min_sigmas)
+        return found
     except DataError as error:
         # Where the readings are coarse, signs and commands are not the first suspects.
         if coarse := coarse_text([run.trial for run in runs]):
@@ -83,7 +85,9 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
         raise
 
 
-def _regression(runs: Sequence[Run], min_sigmas: float) -> Regression:
+# A fit and a diagnosis need the fits of all trials, and of folds of them, more than once.
+@functools.lru_cache(maxsize=2)
+def _regression(runs: tuple[Run, ...]) -> Regression:
     torque, blocks = _torque_and_blocks(runs)
     axis = runs[0].trial.axis
     raw = _measured_regressors(runs)[np.concatenate([run.valid for run in runs])]
@@ -129,7 +133,6 @@ def _regression(runs: Sequence[Run], min_sigmas: float) -> Regression:
         warnings=tuple(map(text.format, compress(names, ~free))),
         axis=axis,
     )
-    require_inertia(estimate, min_sigmas)
     return Regression(estimate=estimate, least_squares=plain, r_squared=r_squared(torque, residuals))
 
 
@@ -281,18 +284,19 @@ def fit_output_error(runs: Sequence[Run], *, min_sigmas: float = MIN_INERTIA_SIG
     ``min_sigmas``: Least number of standard errors of the regression's inertia from zero. 0 where effects are added
         afterwards, which may determine the inertia.
     """
-    return _fit(tuple(runs), min_sigmas)
+    if min_sigmas > 0.0 and runs[0].trial.has_actuators:
+        fit_regression(runs, min_sigmas=min_sigmas)
+    return _fit(tuple(runs))
 
 
-# A diagnosis needs the fit of all trials, and of folds of them, more than once.
-@functools.lru_cache(maxsize=2)
-def _fit(runs: tuple[Run, ...], min_sigmas: float) -> Model:
+@functools.lru_cache(maxsize=8)
+def _fit(runs: tuple[Run, ...]) -> Model:
     # Imported here because the import takes longer than commands that fit nothing.
     from scipy.optimize import least_squares
 
     axis = runs[0].trial.axis
     has_actuators = runs[0].trial.has_actuators
-    start = _start(runs, min_sigmas) if has_actuators else fit_free_swings(runs).values
+    start = _start(runs) if has_actuators else fit_free_swings(runs).values
     # Scales of parameters that may start at zero.
     rate, torque = rms_rate(runs), rms([run.torque for run in runs])
     drag = start[1] * rate + start[2] or torque
@@ -335,16 +339,16 @@ def _with_resolved_decay(model: Model, rate: float, runs: Sequence[Run]) -> Mode
     return replace(model, quadratic_drag=share * model.quadratic_drag, linear_drag=share * model.linear_drag)
 
 
-def _start(runs: Sequence[Run], min_sigmas: float) -> FloatArray:
-    """Initial parameters by regression, or by RMS values where the regression fails and ``min_sigmas`` is 0.
+def _start(runs: Sequence[Run]) -> FloatArray:
+    """Initial parameters by regression, or by RMS values where the regression fails.
 
     The regression fails where effects dominate, such as slow thrusters under an oscillating autopilot.
     """
     try:
-        return fit_regression(runs, min_sigmas=min_sigmas).estimate.values
+        return fit_regression(runs, min_sigmas=0.0).estimate.values
     except DataError:
         start = _start_by_rms(runs)
-        if min_sigmas > 0.0 or start is None:
+        if start is None:
             raise
         return start
 
