@@ -24,10 +24,10 @@ from benchmarks.formulas_page import line_of, write_section
 from rovid.core.budget import Budget
 from rovid.core.errors import RovidError
 from rovid.diagnose import objectives
-from rovid.diagnose.algorithm import conclude, decide, doubt_stand_ins
+from rovid.diagnose.algorithm import conclude, decide
 from rovid.diagnose.cross_validation import cross_validate, held_out_log_likelihood, split_runs
 from rovid.diagnose.effect_trial import _gain
-from rovid.diagnose.formulas.search import Formula, FormulaSearch
+from rovid.diagnose.formulas.search import Formula, FormulaSearch, doubt_stand_ins
 from rovid.diagnose.objectives import SearchProblem, pose, preload, without_waves
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import Effect, forms_for

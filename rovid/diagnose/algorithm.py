@@ -31,7 +31,7 @@ from rovid.core.spmd import forked_workers
 from rovid.diagnose.build_result import build_diagnosis
 from rovid.diagnose.challenge import challenge
 from rovid.diagnose.cross_validation import missing_data, split_runs
-from rovid.diagnose.formulas.search import FormulaSearch
+from rovid.diagnose.formulas.search import doubt_stand_ins
 from rovid.diagnose.objectives import (
     InnovationObjective,
     MultiStepObjective,
@@ -45,14 +45,12 @@ from rovid.diagnose.objectives import (
 )
 from rovid.diagnose.result import Diagnosis
 from rovid.diagnose.selection import Selection
-from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stated_selection import state
 from rovid.diagnose.stepwise import SearchStop, StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import drop_inconsistent, drop_likely, first_rejection, report_remainder, search_warnings
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
-from rovid.estimate.missing_torque import lacks_torque
 from rovid.estimate.output_error import fit_output_error
 from rovid.trial.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
@@ -240,26 +238,6 @@ def select_by_predictions(problem: SearchProblem) -> Iterator[Selection]:
             return
         objective = replace(reweighted, base=reweighted.refit(objective.base))
         start = objective.refit(selection.model)
-
-
-def doubt_stand_ins(problem: SearchProblem, selection: Selection) -> Selection:
-    """The ``selection`` without its causes if a formula in their place predicts held-out trials better.
-
-    Only a one-step model that still lacks a torque is challenged. The causes are suspects then.
-    """
-    causes = [effect for effect in selection.model.effects if not is_signal(effect)]
-    if not causes or selection.multi_step or selection.waves is not None or selection.is_out_of_time:
-        return selection
-    if not lacks_torque(selection.model.canonical()):
-        return selection
-    formula = FormulaSearch(problem, selection.model).rival()
-    if formula is None:
-        return selection
-    text = (
-        f"A formula of {' and '.join(formula.signals) or 'no signal'} predicts trials that were not fitted better than "
-        f"{' and '.join(cause.title for cause in causes)}: not claimed. `rovid discover` prints the formula."
-    )
-    return drop_likely(selection.with_message(text).ban(*causes), [cause.key for cause in causes])
 
 
 def conclude(selection: Selection, notes: Sequence[str], plain: LikelihoodFit | None = None) -> Diagnosis:

@@ -51,8 +51,8 @@ def wrong_entries(data: PlanarData) -> Iterator[Advice]:
     yield from angles
     if angles or is_yaw_alone(data):
         return
-    forces, is_sound = _of_forces(data)
-    if text := forces:
+    text, is_sound = _of_forces(data)
+    if text:
         yield Advice(kind="wrong_entry", text=text, weight="grave")
     elif text := _of_track(data, is_sound=is_sound):
         yield Advice(kind="sensors_disagree", text=text, weight="grave")
@@ -76,9 +76,9 @@ def _angles(data: PlanarData) -> Iterator[Advice]:
 
 
 def _of_track(data: PlanarData, *, is_sound: bool) -> str:
-    """The exchange of north and east by which the track follows the velocity log, whose speeds may be ``sound``.
+    """The exchange of north and east by which the track follows the velocity log; empty without one.
 
-    If the forces do not show that the speeds are right, a sign of theirs may be wrong instead.
+    Unless the forces agree with the speeds of the log (``is_sound``), a sign of these may be wrong instead.
     """
     if not {*_TRACK, *_SPEEDS} <= set(data.sensors):
         return ""
@@ -164,7 +164,9 @@ def _exchanges(data: PlanarData) -> Iterator[_Correction]:
         if not (swap or any(negative)):
             continue
 
-        def change(sensor: IntArray, value: FloatArray, swap: bool = swap, negative: list[bool] = negative) -> object:
+        def change(
+            sensor: IntArray, value: FloatArray, swap: bool = swap, negative: list[bool] = negative
+        ) -> tuple[IntArray, FloatArray]:
             other = np.where(sensor == north, east, np.where(sensor == east, north, sensor)) if swap else sensor
             for at, is_negative in zip((north, east), negative, strict=True):
                 value = np.where((other == at) & is_negative, -value, value)
@@ -173,7 +175,7 @@ def _exchanges(data: PlanarData) -> Iterator[_Correction]:
         signs = " and ".join(name for name, is_negative in zip(_TRACK, negative, strict=True) if is_negative)
         words = [*(["exchange north and east"] * swap), *([f"change the sign of {signs}"] if signs else [])]
         text = ", and then ".join(words)
-        yield _Correction(text=text[0].upper() + text[1:], data=_changed(data, change))  # type: ignore[arg-type]
+        yield _Correction(text=text[0].upper() + text[1:], data=_changed(data, change))
 
 
 def _actuators(data: PlanarData) -> Iterator[_Correction]:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.diagnose import algorithm, build_result, stated_selection
-from rovid.diagnose.algorithm import conclude, doubt_stand_ins
+from rovid.diagnose import build_result, stated_selection
+from rovid.diagnose.algorithm import conclude
 from rovid.diagnose.build_result import _wave_finding, subsets
 from rovid.diagnose.candidate_fits import Alternative
+from rovid.diagnose.formulas import search
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stated_selection import (
     _average_over_forms,
@@ -157,10 +158,10 @@ def test_a_cause_that_a_formula_beats_is_a_suspect(
         def rival(self) -> Any:
             return SimpleNamespace(signals=("rate", "roll")) if is_beaten else None
 
-    monkeypatch.setattr(algorithm, "FormulaSearch", Search)
-    monkeypatch.setattr(algorithm, "lacks_torque", lambda _: lacks)
+    monkeypatch.setattr(search, "FormulaSearch", Search)
+    monkeypatch.setattr(search, "lacks_torque", lambda _: lacks)
     problem: Any = None
-    told = conclude(doubt_stand_ins(problem, replace(selection, multi_step=False)), ())
+    told = conclude(search.doubt_stand_ins(problem, replace(selection, multi_step=False)), ())
     assert [one.effect.id for one in told.findings] == ["bias_torque"] * (not (is_beaten and lacks))
     assert [one.effect.id for one in told.suspects] == ["bias_torque"] * (is_beaten and lacks)
     assert any("A formula of rate and roll predicts" in one for one in told.warnings) is (is_beaten and lacks)

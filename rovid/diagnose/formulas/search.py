@@ -24,10 +24,18 @@ from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stated_selection import model_estimate
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import predicts_worse, raises_disturbance, simulates_worse, too_large, too_small
+from rovid.diagnose.validation import (
+    drop_likely,
+    predicts_worse,
+    raises_disturbance,
+    simulates_worse,
+    too_large,
+    too_small,
+)
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
+from rovid.estimate.missing_torque import lacks_torque
 from rovid.model.model import Model
 
 # Formulas in a result, and single products that are fitted next to one model.
@@ -166,8 +174,10 @@ class FormulaSearch:
         base, own = self.problem.innovations.base, self._selection(self.model)
         for one in self._candidates(base, _RIVALS, longest=len(self.model.effects)):
             formula = self._validated(one)
+            if formula is None:
+                continue
             least = held_out_log_likelihood(own.folds(self.model)) - held_out_log_likelihood(own.folds(base))
-            if formula is not None and formula.held_out_nats >= least + THRESHOLDS.tie(least):
+            if formula.held_out_nats >= least + THRESHOLDS.tie(least):
                 return formula
         return None
 
@@ -285,6 +295,26 @@ class FormulaSearch:
         if not len(correlation) or correlation.max() < _NEAR:
             return None
         return forms[int(np.argmax(correlation))].id
+
+
+def doubt_stand_ins(problem: SearchProblem, selection: Selection) -> Selection:
+    """The ``selection`` without its causes if a formula in their place predicts held-out trials better.
+
+    Only a one-step model that still lacks a torque is challenged. The causes are suspects then.
+    """
+    causes = [effect for effect in selection.model.effects if not is_signal(effect)]
+    if not causes or selection.multi_step or selection.waves is not None or selection.is_out_of_time:
+        return selection
+    if not lacks_torque(selection.model.canonical()):
+        return selection
+    formula = FormulaSearch(problem, selection.model).rival()
+    if formula is None:
+        return selection
+    text = (
+        f"A formula of {' and '.join(formula.signals) or 'no signal'} predicts trials that were not fitted better than "
+        f"{' and '.join(cause.title for cause in causes)}: not claimed. `rovid discover` prints the formula."
+    )
+    return drop_likely(selection.with_message(text).ban(*causes), [cause.key for cause in causes])
 
 
 def units_of(formula: Formula, units: Mapping[str, str]) -> dict[str, str]:
