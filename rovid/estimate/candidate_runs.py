@@ -89,12 +89,15 @@ class RunScales:
         commands = np.vstack([trial.commands for trial in trials])
         inputs = actuator_inputs(vehicle, trials[0])
         lowest, highest = np.nanmin(commands, axis=0), np.nanmax(commands, axis=0)
-        reach = np.maximum(highest - inputs.neutral, inputs.neutral - lowest) * share
+        used = np.column_stack((inputs.neutral - lowest, highest - inputs.neutral))
         senses = np.sign(inputs.arms)
-        full, edge = np.empty((2, len(reach))), np.empty((2, len(reach)))
+        full, edge = np.empty((2, len(senses))), np.empty((2, len(senses)))
         for row, way in enumerate((-1.0, 1.0)):
-            side = (way * senses > 0.0).astype(int)
-            edge[row] = inputs.dead_zone[np.arange(len(reach)), side]
+            side = (np.arange(len(senses)), (way * senses > 0.0).astype(int))
+            edge[row] = inputs.dead_zone[side]
+            # A side that was never driven gets the reach of the other one.
+            is_driven = used[side] > np.abs(edge[row] - inputs.neutral)
+            reach = share * np.where(is_driven, used[side], used.max(axis=1))
             # With a neutral off the middle of the curve, an equal reach to the other side may exceed the curve.
             full[row] = np.clip(inputs.neutral + way * senses * reach, *inputs.command_range.T)
         torques = np.array([vehicle.thrust(one[None])[0] @ inputs.arms for one in full])
