@@ -61,10 +61,12 @@ def clock_drift(runs: Sequence[Run]) -> ClockDrift | None:
         return None
     without = np.concatenate([_block_moments(run, delay, 0.0) for run in runs]).sum(axis=0)
     without = np.delete(np.delete(without, _DRIFT, axis=0), _DRIFT, axis=1)
-    by_log = [_jackknife(total, np.array([log.sum(axis=0) for log in logs]))] if len(logs) > 1 else []
+    errors = [_jackknife(total, blocks)]
+    if len(logs) > 1:
+        errors.append(_jackknife(total, np.array([log.sum(axis=0) for log in logs])))
     return ClockDrift(
         drift=drift,
-        error=max(_jackknife(total, blocks), *by_log),
+        error=max(errors),
         explained=1.0 - _fit(total)[1] / max(_fit(without)[1], 1e-300),
     )
 

@@ -115,6 +115,12 @@ def test_a_drift_between_joined_files_stops(ppm: float) -> None:
     assert abs(fault.size + ppm) < 4.0 * fault.standard_error
 
 
+def test_one_joined_log_is_examined_too() -> None:
+    drift = clock_drift([joined(day("large", 0)[6])])
+    assert drift is not None
+    assert abs(drift.drift) < 4.0 * drift.error
+
+
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("cause", ["lag", "sag"])
 def test_a_hidden_cause_of_joined_files_is_no_drift(cause: str, seed: int) -> None:
