@@ -307,13 +307,15 @@ def test_a_term_is_finite_without_drag(effect: Effect) -> None:
 
 @each_term
 def test_a_term_simulates(effect: Effect) -> None:
-    push = VEHICLE.thrust(COMMAND) @ WHERE.arms
-    nothing = simulated(effect, numbers(effect, start=False), push)
-    plain = simulated(effect_named("bias_torque"), np.zeros(1), push)
-    np.testing.assert_allclose(nothing, plain, atol=1e-5)
-    rate = simulated(effect, numbers(effect, start=True), push)
-    assert np.isfinite(rate).all()
-    assert np.max(np.abs(rate - plain)) > 1e-5
+    changes = []
+    # A term may act on a turn to one side only.
+    for push in VEHICLE.thrust(COMMAND) @ WHERE.arms * np.array([[1.0], [-1.0]]):
+        nothing = simulated(effect, numbers(effect, start=False), push)
+        plain = simulated(effect_named("bias_torque"), np.zeros(1), push)
+        np.testing.assert_allclose(nothing, plain, atol=1e-5)
+        changes.append(simulated(effect, numbers(effect, start=True), push) - plain)
+    assert np.isfinite(changes).all()
+    assert np.max(np.abs(changes)) > 1e-5
 
 
 @pytest.mark.parametrize("effect", [e for e in FORMS if isinstance(e.acts, OnHeading)], ids=lambda effect: effect.key)
