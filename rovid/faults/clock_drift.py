@@ -64,11 +64,7 @@ def clock_drift(runs: Sequence[Run]) -> ClockDrift | None:
     errors = [_jackknife(total, blocks)]
     if len(logs) > 1:
         errors.append(_jackknife(total, np.array([log.sum(axis=0) for log in logs])))
-    return ClockDrift(
-        drift=drift,
-        error=max(errors),
-        explained=1.0 - _fit(total)[1] / max(_fit(without)[1], 1e-300),
-    )
+    return ClockDrift(drift=drift, error=max(errors), explained=1.0 - _fit(total)[1] / max(_fit(without)[1], 1e-300))
 
 
 def _block_moments(run: Run, delay: float, drift: float) -> FloatArray:

@@ -24,8 +24,8 @@ from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
-# Logs that are compared: fewer have no majority.
-_MIN_LOGS = 4
+# Logs that are compared, and that may be of two kinds: fewer have no majority, or too few of each kind.
+_MIN_LOGS, _MIN_GROUPED = 3, 4
 # False-alarm rate of a campaign whose logs scatter normally.
 _LEVEL = 1e-3
 # Smallest relative deviation of a foreign log, beyond two standard errors, and of two groups.
@@ -345,7 +345,7 @@ def _groups(
     variances = 1.0 / np.array([direction @ weight @ direction for weight in weights]).clip(1e-300)
     deviations = variances * np.array([direction @ pull for pull in pulls])
     used = np.flatnonzero(variances < _MAX_ERROR**2)
-    if len(used) < _MIN_LOGS:
+    if len(used) < _MIN_GROUPED:
         return None
     used = used[np.argsort(deviations[used])]
     d, v = deviations[used], variances[used]

@@ -298,9 +298,12 @@ def test_a_log_that_shows_the_drive_of_all_is_no_foreign_log(drive: str) -> None
     assert not faults
 
 
-def test_three_logs_have_no_majority() -> None:
-    runs = day("large", 0, {"hold_0.csv": scaled(model("large"), 3.0, 3.0)})[:3]
-    assert not found(runs)[1]
+def test_two_logs_have_no_majority_and_three_do_if_two_agree() -> None:
+    runs = {run.trial.name: run for run in day("large", 1, {"steps.csv": scaled(model("large"), 3.0, 3.0)})}
+    names = ["sine_1.csv", "steps.csv", "random.csv"]
+    assert not found([runs[name] for name in names[:2]])[1]
+    kept, (fault,) = found([runs[name] for name in names])
+    assert (fault.logs, kept) == (("steps.csv",), [names[0], names[2]])
 
 
 def test_a_heading_that_is_absent_where_a_gyro_is_logged_breaks_no_model() -> None:
