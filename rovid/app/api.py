@@ -18,7 +18,7 @@ from rovid.core.output_files import OutputFile, OutputSet
 from rovid.preflight.check import check_logs
 from rovid.preflight.config_writer import config_files
 from rovid.preflight.log_reading import LogsRead, is_thrust_curve, log_files, read_columns, read_logs
-from rovid.preflight.log_survey import LogSurvey, SurveyOptions, output_files, survey_read_logs
+from rovid.preflight.log_survey import LogSurvey, SurveyOptions, config_output, survey_read_logs
 from rovid.preflight.planar_check import PlanarCheck, check_planar
 from rovid.preflight.raw_columns import RawColumn
 from rovid.present.documents.results import check_document, survey_document
@@ -301,7 +301,7 @@ def _may_replace(files: Mapping[OutputFile, str]) -> bool:
 
 def config_folder(paths: Sequence[Path]) -> Path:
     """Folder of the rovid.toml for these logs."""
-    config, _ = output_files(paths)
+    config = config_output(paths)
     return config.path.parent
 
 

@@ -21,13 +21,13 @@ def init(
     """Write a first rovid.toml for your logs."""
     from rovid.core.output_files import OutputSet
     from rovid.preflight.config_writer import write_config
-    from rovid.preflight.log_survey import SurveyOptions, output_files, survey
+    from rovid.preflight.log_survey import SurveyOptions, config_output, survey
     from rovid.present.documents.results import survey_document
     from rovid.present.terminal.results import show_survey
 
     planar = context.is_planar(shared)
     # An existing file is an error before the logs are read.
-    OutputSet([output_files(logs)[0]], force=shared.force)
+    OutputSet([config_output(logs)], force=shared.force)
     commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
     headings = (heading,) if heading else ()
     options = SurveyOptions(

@@ -1,12 +1,11 @@
 """Guess position and velocity along an axis but yaw, and the thrust of surge, sway and yaw together."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from rovid.core.formatting import TextTemplates, toml_text
 from rovid.preflight.command_effects import CommandEffect, command_effects
 from rovid.preflight.raw_columns import (
     COMMAND,
@@ -20,9 +19,8 @@ from rovid.preflight.raw_columns import (
     word_list,
 )
 from rovid.preflight.thruster_guess import ThrusterCommand, distinct_name, neutral_value, short_name
-from rovid.trial.axis import AXES, GEODETIC_UNITS, LENGTH_UNITS, Axis, name_words
+from rovid.trial.axis import AXES, GEODETIC_UNITS, LENGTH_UNITS, Axis
 
-_TEXTS = TextTemplates(__file__, "config")
 _NOT_MEASURED = word_list("axis", "not_measured") | COMMAND | SIDE
 _SPEED = word_list("axis", "speed")
 _DEPTH = word_list("axis", "depth")
@@ -101,7 +99,7 @@ _MAP = {"north": {"north", "northing", "nord", "norte", "n"}, "east": {"east", "
 _GLOBE = {"north": ({"lat", "latitude"}, 90.0), "east": ({"lon", "lng", "long", "longitude"}, 180.0)}
 _SCALED = "1e-7 deg"
 # Words of a thruster across the vehicle.
-_SIDEWAYS = word_list("axis", "sway") | {"tunnel", "querstrahlruder"}
+SIDEWAYS = word_list("axis", "sway") | {"tunnel", "querstrahlruder"}
 # Largest difference between the largest values of a column and of a known command, relative, of a command like it.
 _ALIKE = 0.25
 # Words of a thruster along the vehicle.
@@ -172,7 +170,7 @@ def further_thrusters(
             continue
         values, neutral = column.values, neutral_value(column.values)
         low, high = float(values.min()), float(values.max())
-        is_named = neutral > 0.0 or column.words & (_SIDEWAYS | _AHEAD)  # Pulses have a neutral value of their own.
+        is_named = neutral > 0.0 or column.words & (SIDEWAYS | _AHEAD)  # Pulses have a neutral value of their own.
         size = max(abs(low), abs(high))
         if is_named and low <= neutral <= high and any(math.isclose(size, one, rel_tol=_ALIKE) for one in largest):
             name = distinct_name(short_name(source), [one.name for one in (*commands, *found)])
@@ -190,27 +188,6 @@ def _propeller(columns: Columns) -> tuple[str, float]:
         if column.words & _PROPELLER and column.is_long and np.any(column.values):
             return source, float(np.max(np.abs(column.values)))
     return "", 0.0
-
-
-def propeller_lines(guesses: Mapping[str, PlanarGuess], curve: str = "") -> Iterator[str]:
-    """A block of rovid.toml for a propeller: with a measured thrust ``curve``, or a thrust known up to a constant."""
-    sources = {kind: guess.propeller for kind, guess in guesses.items() if guess.propeller[0]}
-    if sources:
-        most = f"{1.1 * max(most for _, most in sources.values()):.4g}"
-        command = inline_table({kind: source for kind, (source, _) in sources.items()})
-        text = "propeller_with_curve" if curve else "propeller"
-        yield from config_lines(text, curve=toml_text(curve), most=most, command=command)
-
-
-def inline_table(values: Mapping[str, str | int] | Mapping[str, str]) -> str:
-    """An inline table of rovid.toml."""
-    entries = [f"{key} = {toml_text(value) if isinstance(value, str) else value}" for key, value in values.items()]
-    return "{ " + ", ".join(entries) + " }"
-
-
-def config_lines(name: str, /, **values: str) -> list[str]:
-    """Lines of a text in templates/config.toml with these ``values``."""
-    return _TEXTS[name].removesuffix("\n").format(**values).split("\n")
 
 
 def _position(name: str, columns: Columns) -> SignalGuess | None:
@@ -235,23 +212,3 @@ def _fix(name: str, columns: Columns) -> SignalGuess | None:
             reason = f"by name; {values.min():.9g} to {values.max():.9g}, {unit}"
             return SignalGuess(source=source, unit=unit, reason=reason)
     return None
-
-
-def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
-    """Lines of rovid.toml for the shares of a thruster along surge and sway, each marked as a guess.
-
-    A thruster that the logs show along neither is taken to push ahead; by its name to starboard. One that they show
-    along both is taken to stand at 45 deg.
-    """
-    shown: dict[str, CommandEffect] = {}
-    for axis in ("surge", "sway"):
-        for effect in (guess.effects[axis].get(source) for guess in guesses if axis in guess.effects):
-            if effect is not None and effect.direction:
-                shown[axis] = effect
-    if not shown:
-        axis = "sway" if name_words(source) & _SIDEWAYS else "surge"
-        yield from config_lines("share_assumed", axis=axis)
-    for axis, effect in shown.items():
-        yield from config_lines(
-            "share_shown", axis=axis, share=f"{effect.direction / math.sqrt(len(shown)):.2g}", evidence=effect.text
-        )

@@ -1,7 +1,7 @@
 """Text of a first rovid.toml: each guess with its reason, marks on assumptions, and what the user has to fill in."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -9,21 +9,24 @@ from textwrap import wrap
 from typing import TypeVar
 
 from rovid.core.errors import LINE_LENGTH, RovidError, display_text
-from rovid.core.formatting import toml_key, toml_text
+from rovid.core.formatting import TextTemplates, toml_key, toml_text
 from rovid.core.output_files import GUESSED_CURVE as GUESSED
 from rovid.core.output_files import OutputFile, OutputSet
-from rovid.preflight.axis_guess import PlanarGuess, config_lines, inline_table, propeller_lines, share_lines
-from rovid.preflight.curve_guess import FULL_THRUST, GUESSED_CURVE
+from rovid.preflight.axis_guess import SIDEWAYS, PlanarGuess
+from rovid.preflight.command_effects import CommandEffect
 from rovid.preflight.drive_guess import RudderGuess
-from rovid.preflight.log_survey import LogSurvey, all_commands, output_files
+from rovid.preflight.log_survey import FULL_THRUST, GUESSED_CURVE, LogSurvey, all_commands, config_output
 from rovid.preflight.raw_columns import SignalGuess
+from rovid.preflight.signal_guess import ColumnMapping
 from rovid.preflight.thruster_guess import ThrusterCommand
 from rovid.readers import read_campaign
 from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import name_words
 from rovid.trial.config import load_config
 from rovid.trial.tables import curve_csv
 
-Guess = TypeVar("Guess", SignalGuess, ThrusterCommand)
+Guess = TypeVar("Guess", SignalGuess, ThrusterCommand, RudderGuess)
+_TEXTS = TextTemplates(__file__, "config")
 # Width of a comment in characters.
 _WIDTH = 110
 # Estimates of a clock offset at most, each from the stretch that the last one makes common. A decision.
@@ -34,8 +37,7 @@ _MAX_UNUSED = 40
 
 def config_files(survey: LogSurvey) -> dict[OutputFile, str]:
     """Files to write with their texts: rovid.toml, and the thrust curve if it is new."""
-    config, _ = output_files([survey.folder])
-    files = {config: config_text(survey)}
+    files = {config_output([survey.folder]): config_text(survey)}
     if survey.new_curve is not None:
         curve = OutputFile(survey.folder / survey.curve, GUESSED)
         files[curve] = curve_csv(survey.new_curve.command, survey.new_curve.thrust)
@@ -48,7 +50,7 @@ def write_config(survey: LogSurvey, paths: Sequence[Path], *, force: bool) -> tu
     Raises RovidError if an existing file may not be replaced.
     """
     # The user may have replaced an existing guessed curve by a bench curve: only rovid.toml is protected by `force`.
-    config, _ = output_files([survey.folder])
+    config = config_output([survey.folder])
     outputs = OutputSet([config], force=force)
     files = config_files(survey)
     outputs.write(files)
@@ -91,7 +93,7 @@ def assumptions_in(survey: LogSurvey) -> Assumptions:
         thrusters = {name: commands for name, commands in thrusters.items() if name in turning}
     items: list[str] = []
     for name, commands in thrusters.items():
-        if _is_motor(commands):
+        if all(command.is_motor for command in commands.values()):
             items.append(f"torque_constant of {name}")
             continue
         if _is_arm_guessed(survey, commands):
@@ -102,7 +104,8 @@ def assumptions_in(survey: LogSurvey) -> Assumptions:
     if survey.with_planar and rudders and not survey.curve and any(one.propeller[0] for one in survey.planar.values()):
         items.append("thrust_constant of propeller")
     unknown = "position" if survey.with_planar else "coefficient"
-    for name, rudder in rudders:
+    for name, each in rudders.items():
+        rudder = next(iter(each.values()))
         if rudder.given is None or survey.with_planar:
             items.append(f"{unknown if rudder.wheelbase is None else 'wheelbase'} of {name}")
     return Assumptions(items=tuple(items), thrusters=len(thrusters) + len(rudders))
@@ -158,8 +161,12 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
         yield from _reasons(commands)
         yield f"{mark}[[thrusters]]"
         yield f"{mark}name = {toml_text(name)}"
-        if _is_motor(commands):
-            yield from _motor(commands)
+        source_table = inline_table({kind: command.source for kind, command in commands.items()})
+        if all(command.is_motor for command in commands.values()):
+            sign = next((one.direction for one in commands.values() if one.direction), 1)
+            largest = max(abs(bound) for one in commands.values() for bound in (one.lowest, one.highest))
+            most = f"{1.0 if 0.3 < largest <= 1.0 else largest:.10g}"
+            yield from config_lines("motor", sign=f"{sign:.1f}", most=most, command=source_table)
             continue
         if survey.with_planar:
             yield from _planar_shares(survey, next(iter(commands.values())).source)
@@ -170,7 +177,7 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
         yield f"{mark}curve = {toml_text(survey.curve_of(name))}"
         if survey.curve_guessed:
             yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
-        yield f"{mark}command = {inline_table({kind: command.source for kind, command in commands.items()})}"
+        yield f"{mark}command = {source_table}"
     if survey.with_planar and _rudders(survey):
         yield from propeller_lines(survey.planar, survey.curve)
     yield from _rudder_blocks(survey)
@@ -180,6 +187,16 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
     elif survey.axis.self_righting and not any(mapping.commands for mapping in survey.mappings.values()):
         yield ""
         yield f"# No command acts in {survey.axis.name}: each log is assumed to be a release of the tilted vehicle."
+
+
+def propeller_lines(guesses: Mapping[str, PlanarGuess], curve: str = "") -> Iterator[str]:
+    """A block of rovid.toml for a propeller: with a measured thrust ``curve``, or a thrust known up to a constant."""
+    sources = {kind: guess.propeller for kind, guess in guesses.items() if guess.propeller[0]}
+    if sources:
+        most = f"{1.1 * max(most for _, most in sources.values()):.4g}"
+        command = inline_table({kind: source for kind, (source, _) in sources.items()})
+        text = "propeller_with_curve" if curve else "propeller"
+        yield from config_lines(text, curve=toml_text(curve), most=most, command=command)
 
 
 def _planar_shares(survey: LogSurvey, source: str) -> Iterator[str]:
@@ -192,34 +209,16 @@ def _planar_shares(survey: LogSurvey, source: str) -> Iterator[str]:
         yield from config_lines("share_given", ahead=ahead, starboard=starboard)
 
 
-def _is_motor(commands: Mapping[str, ThrusterCommand]) -> bool:
-    return all(command.is_motor for command in commands.values())
-
-
-def _motor(commands: Mapping[str, ThrusterCommand]) -> Iterator[str]:
-    """Lines of a motor with a constant, given by format."""
-    sign = next((one.direction for one in commands.values() if one.direction), 1)
-    largest = max(abs(bound) for one in commands.values() for bound in (one.lowest, one.highest))
-    most = f"{1.0 if 0.3 < largest <= 1.0 else largest:.10g}"
-    command = inline_table({kind: command.source for kind, command in commands.items()})
-    yield from config_lines("motor", sign=f"{sign:.1f}", most=most, command=command)
-
-
-def _rudders(survey: LogSurvey) -> list[tuple[str, RudderGuess]]:
-    """Name and guess of each rudder; that of the first format that has it."""
-    named: dict[str, RudderGuess] = {}
-    for mapping in survey.mappings.values():
-        for rudder in mapping.rudders:
-            named.setdefault(rudder.name, rudder)
-    return list(named.items())
+def _rudders(survey: LogSurvey) -> dict[str, dict[str, RudderGuess]]:
+    """Name of a rudder -> format -> its guess."""
+    return _by_name((kind, one.name, one) for kind, mapping in survey.mappings.items() for one in mapping.rudders)
 
 
 def _rudder_blocks(survey: LogSurvey) -> Iterator[str]:
-    for name, rudder in _rudders(survey):
+    for name, rudders in _rudders(survey).items():
         yield ""
-        angles = {
-            kind: one.angle for kind, mapping in survey.mappings.items() for one in mapping.rudders if one.name == name
-        }
+        rudder = next(iter(rudders.values()))
+        angles = {kind: one.angle for kind, one in rudders.items()}
         yield from _reasons(angles)
         behind = survey.with_planar and any(guess.propeller[0] for guess in survey.planar.values())
         yield from config_lines(
@@ -241,19 +240,22 @@ def _rudder_blocks(survey: LogSurvey) -> Iterator[str]:
 
 def _commands(survey: LogSurvey) -> dict[str, dict[str, ThrusterCommand]]:
     """Name of a thruster -> format -> its command."""
-    commands = {}
-    for kind, mapping in survey.mappings.items():
-        commands[kind] = {one.name: one for one in mapping.commands}
-    return _by_name(commands)
+    return _by_name((kind, one.name, one) for kind, mapping in survey.mappings.items() for one in mapping.commands)
 
 
-def _by_name(guesses: Mapping[str, Mapping[str, Guess]]) -> dict[str, dict[str, Guess]]:
-    """The guesses by format and name, as name -> format -> guess."""
+def _by_name(guesses: Iterable[tuple[str, str, Guess]]) -> dict[str, dict[str, Guess]]:
+    """Name -> format -> guess, of formats, names and guesses."""
     named: dict[str, dict[str, Guess]] = {}
-    for kind, each in guesses.items():
-        for name, guess in each.items():
-            named.setdefault(name, {})[kind] = guess
+    for kind, name, guess in guesses:
+        named.setdefault(name, {})[kind] = guess
     return named
+
+
+def _signals_by_name(
+    found: Mapping[str, ColumnMapping] | Mapping[str, PlanarGuess],
+) -> dict[str, dict[str, SignalGuess]]:
+    """Name of a signal -> format -> its guess."""
+    return _by_name((kind, name, guess) for kind, one in found.items() for name, guess in one.signals.items())
 
 
 def _arm(survey: LogSurvey, commands: Mapping[str, ThrusterCommand]) -> Iterator[str]:
@@ -291,10 +293,10 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
             yield f"# {survey.unit_reason}"
         entries = clocks | ({} if survey.time_unit == "auto" else {"unit": survey.time_unit})
         yield f"time = {inline_table(entries)}"
-    for name, guesses in _by_name({kind: one.signals for kind, one in survey.mappings.items()}).items():
+    for name, guesses in _signals_by_name(survey.mappings).items():
         yield from _reasons(guesses)
         yield f"{toml_key(name)} = {_source_table(guesses)}"
-    named = _by_name({kind: one.signals for kind, one in survey.planar.items()})
+    named = _signals_by_name(survey.planar)
     mark = "" if survey.with_planar else "# "
     if named and mark:
         yield from config_lines("planar_signals")
@@ -359,3 +361,34 @@ def _source_table(guesses: Mapping[str, SignalGuess]) -> str:
 def _reasons(guesses: Mapping[str, SignalGuess] | Mapping[str, ThrusterCommand]) -> Iterator[str]:
     for kind, guess in guesses.items():
         yield f"# {kind}: {display_text(guess.reason, LINE_LENGTH)}"
+
+
+def inline_table(values: Mapping[str, str | int] | Mapping[str, str]) -> str:
+    """An inline table of rovid.toml."""
+    entries = [f"{key} = {toml_text(value) if isinstance(value, str) else value}" for key, value in values.items()]
+    return "{ " + ", ".join(entries) + " }"
+
+
+def config_lines(name: str, /, **values: str) -> list[str]:
+    """Lines of a text in templates/config.toml with these ``values``."""
+    return _TEXTS[name].removesuffix("\n").format(**values).split("\n")
+
+
+def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
+    """Lines of rovid.toml for the shares of a thruster along surge and sway, each marked as a guess.
+
+    A thruster that the logs show along neither is taken to push ahead; by its name to starboard. One that they show
+    along both is taken to stand at 45 deg.
+    """
+    shown: dict[str, CommandEffect] = {}
+    for axis in ("surge", "sway"):
+        for effect in (guess.effects[axis].get(source) for guess in guesses if axis in guess.effects):
+            if effect is not None and effect.direction:
+                shown[axis] = effect
+    if not shown:
+        axis = "sway" if name_words(source) & SIDEWAYS else "surge"
+        yield from config_lines("share_assumed", axis=axis)
+    for axis, effect in shown.items():
+        yield from config_lines(
+            "share_shown", axis=axis, share=f"{effect.direction / math.sqrt(len(shown)):.2g}", evidence=effect.text
+        )

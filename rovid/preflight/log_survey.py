@@ -8,14 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.core.errors import DataError, shortened_list, suggestion
-from rovid.core.input_files import require_exists
+from rovid.core.errors import DataError, RovidError, shortened_list, suggestion
+from rovid.core.input_files import list_files, require_exists
 from rovid.core.output_files import CONFIG, OutputFile
-from rovid.core.output_files import GUESSED_CURVE as GUESSED
 from rovid.preflight.axis_guess import PlanarGuess, further_thrusters, guess_planar
 from rovid.preflight.clock_alignment import ClockOffsets
-from rovid.preflight.curve_guess import GUESSED_CURVE, measured_curves, thrust_curves
-from rovid.preflight.log_reading import LogsRead, folder_of, read_logs, resolve_source
+from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs, resolve_source
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, thruster_outputs, vehicle_type
@@ -24,6 +22,7 @@ from rovid.trial.axis import AXES, YAW, Axis
 from rovid.trial.config import FILE_NAME
 from rovid.trial.cutting import Exclusion
 from rovid.trial.log_files import Join
+from rovid.trial.tables import read_curve
 from rovid.trial.vehicle import ThrustCurve
 from rovid.trial.vehicle_presets import VehiclePreset, load_preset
 
@@ -31,6 +30,13 @@ from rovid.trial.vehicle_presets import VehiclePreset, load_preset
 CHOSEN = "chosen by hand"
 # Prefix of ArduPilot's outputs.
 _OUTPUT = "RCOU.C"
+GUESSED_CURVE = "thrust_guess.csv"
+# N, thrust at the end of a guessed curve. Yaw data do not determine a common scale of all thrusts.
+FULL_THRUST = 100.0
+# us, lowest and highest pulse width of a guessed curve.
+_PULSES = (1100.0, 1900.0)
+# Ratio of the end of a guessed curve to the largest command in the logs.
+_HEADROOM = 1.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,44 +59,35 @@ class UserOverrides:
 
     def apply_to(self, mappings: Mapping[str, ColumnMapping]) -> dict[str, ColumnMapping]:
         """``mappings``, by format, with these choices."""
-        return {kind: self._applied(kind, mapping) for kind, mapping in mappings.items()}
-
-    def _applied(self, kind: str, guessed: ColumnMapping) -> ColumnMapping:
-        signals = dict(guessed.signals)
-        if self.signals is not None:
-            signals = {name: _chosen(one, signals.get(name)) for name, one in self.signals.get(kind, {}).items()}
-        taken = {signal.source for signal in signals.values()}
-        free = [command for command in guessed.commands if command.source not in taken]
-        if self.commands is not None:
-            free = [command for command in free if command.source in self.commands]
-        commands = tuple(map(self._overridden, free))
-        missing = []
-        if not {"heading", "yaw_rate"} & {*signals}:
-            missing.append("heading")
-        rudders = tuple(
-            replace(one, given=self.rudders.get(one.name))
-            for one in guessed.rudders
-            if one.speed in signals and one.angle.source not in taken
-        )
-        mapping = ColumnMapping(signals=signals, commands=commands, rudders=rudders, remarks=guessed.remarks)
-        if not mapping.actuation:
-            missing.append("command")
-        unused = tuple(one for one in (*guessed.sources, *guessed.unused) if one not in mapping.sources)
-        return replace(mapping, missing=tuple(missing), unused=unused)
-
-    def _overridden(self, command: ThrusterCommand) -> ThrusterCommand:
-        command = replace(command, name=self.names.get(command.source) or command.name)
-        if command.source not in self.arms:
-            return command
-        arm = self.arms[command.source]
-        return replace(command, arm=abs(arm), direction=int(np.sign(arm)), direction_known=True, arm_measured=True)
-
-
-def _chosen(chosen: SignalGuess, guessed: SignalGuess | None) -> SignalGuess:
-    """The chosen signal, with the reason of the guess if both are the same."""
-    if guessed is not None and replace(chosen, reason="") == replace(guessed, reason=""):
-        return guessed
-    return replace(chosen, reason=CHOSEN)
+        applied = {}
+        for kind, guessed in mappings.items():
+            signals = dict(guessed.signals)
+            if self.signals is not None:
+                signals = {}
+                for name, one in self.signals.get(kind, {}).items():
+                    # The reason of the guess stays if the user chose the same.
+                    signals[name] = replace(one, reason=CHOSEN)
+                    if name in guessed.signals and replace(guessed.signals[name], reason=CHOSEN) == signals[name]:
+                        signals[name] = guessed.signals[name]
+            taken = {signal.source for signal in signals.values()}
+            commands = []
+            for command in guessed.commands:
+                source = command.source
+                if source in taken or (self.commands is not None and source not in self.commands):
+                    continue
+                own = replace(command, name=self.names.get(source) or command.name)
+                if source in self.arms:
+                    size, direction = abs(self.arms[source]), int(np.sign(self.arms[source]))
+                    own = replace(own, arm=size, direction=direction, direction_known=True, arm_measured=True)
+                commands.append(own)
+            steered = (one for one in guessed.rudders if one.speed in signals and one.angle.source not in taken)
+            rudders = tuple(replace(one, given=self.rudders.get(one.name)) for one in steered)
+            mapping = replace(guessed, signals=signals, commands=tuple(commands), rudders=rudders)
+            missing = [] if {"heading", "yaw_rate"} & {*signals} else ["heading"]
+            missing += [] if mapping.actuation else ["command"]
+            unused = tuple(one for one in (*guessed.sources, *guessed.unused) if one not in mapping.sources)
+            applied[kind] = replace(mapping, missing=tuple(missing), unused=unused)
+        return applied
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,12 +190,9 @@ def survey_read_logs(
         types = filter(None, map(vehicle_type, read.parameters.values()))
         profile = next(map(load_preset, types), None)
     mappings = _map_formats(read, options, profile)
-    profile_guessed = False
-    if profile is None and options.axis is YAW:
-        profile = _profile_of_outputs(all_commands(mappings))
-        profile_guessed = profile is not None
-    if profile_guessed:
-        mappings = _map_formats(read, options, profile)
+    guessed = _profile_of_outputs(all_commands(mappings)) if profile is None and options.axis is YAW else None
+    if guessed is not None:
+        profile, mappings = guessed, _map_formats(read, options, guessed)
     if options.planar:
         # Thrusters that do not turn the vehicle.
         for kind, mapping in mappings.items():
@@ -209,7 +203,11 @@ def survey_read_logs(
     commands = list(all_commands(mappings))
     driven = [command for command in commands if not command.is_motor]
     curves, new_curve, is_guess = thrust_curves(read.folder, driven, profile, read.problems)
-    planar = _planar(read, mappings) if options.axis is YAW else {}
+    planar = {}
+    for kind, mapping in mappings.items() if options.axis is YAW else ():
+        guess = guess_planar(read.logs[kind], set(mapping.sources), mapping.commands, mapping.signals.get("heading"))
+        further_signals = {name: one for name, one in guess.signals.items() if name not in mapping.signals}
+        planar[kind] = replace(guess, signals=further_signals)
     if not commands and options.planar and (largest := max((one.propeller[1] for one in planar.values()), default=0.0)):
         curves = measured_curves(read.folder, largest, largest, read.problems)
     [(unit, reason)] = read.time_units.items() if len(read.time_units) == 1 else [("auto", "")]
@@ -223,9 +221,9 @@ def survey_read_logs(
         unit_reason=reason,
         curves=tuple(curves),
         new_curve=new_curve,
-        curve_guessed=is_guess or (profile_guessed and new_curve is not None),
+        curve_guessed=is_guess or (guessed is not None and new_curve is not None),
         profile=profile,
-        profile_guessed=profile_guessed,
+        profile_guessed=guessed is not None,
         join=read.join,
         logs=sum(map(len, read.logs.values())),
         warnings=(
@@ -240,15 +238,6 @@ def survey_read_logs(
         planar=planar,
         with_planar=options.planar,
     )
-
-
-def _planar(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> dict[str, PlanarGuess]:
-    found = {}
-    for kind, mapping in mappings.items():
-        guess = guess_planar(read.logs[kind], set(mapping.sources), mapping.commands, mapping.signals.get("heading"))
-        taken = mapping.signals.keys() & guess.signals.keys()
-        found[kind] = replace(guess, signals={name: one for name, one in guess.signals.items() if name not in taken})
-    return found
 
 
 def _map_formats(read: LogsRead, options: SurveyOptions, profile: VehiclePreset | None) -> dict[str, ColumnMapping]:
@@ -342,12 +331,64 @@ def _incomplete_logs(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> I
             yield f"{shortened_list(names)}: {verbs[0]} no {lacking}; {verbs[1]} of another vehicle?"
 
 
-def output_files(paths: Sequence[Path]) -> tuple[OutputFile, OutputFile]:
-    """Files to write for the logs in ``paths``: rovid.toml and a guessed curve.
+def config_output(paths: Sequence[Path]) -> OutputFile:
+    """The rovid.toml to write for the logs in ``paths``.
 
     Raises RovidError if one of ``paths`` does not exist, or is neither file nor folder.
     """
     for path in paths:
         require_exists(path)
-    folder = folder_of(paths)
-    return OutputFile(folder / FILE_NAME, CONFIG), OutputFile(folder / GUESSED_CURVE, GUESSED)
+    return OutputFile(folder_of(paths) / FILE_NAME, CONFIG)
+
+
+def thrust_curves(
+    folder: Path, commands: Sequence[ThrusterCommand], profile: VehiclePreset | None, problems: list[str]
+) -> tuple[list[str], ThrustCurve | None, bool]:
+    """File names of the thrust curves, the curve if the file is new, and whether it is a guess.
+
+    Curves in the folder that cover the commands come first, then that of the type of vehicle, then a straight line.
+    """
+    if not commands:
+        return [], None, False
+    lowest = min(command.lowest for command in commands)
+    highest = max(command.highest for command in commands)
+    if found := measured_curves(folder, lowest, highest, problems):
+        return found, None, False
+    neutral = commands[0].neutral
+    if profile is not None and profile.curve is not None and neutral:
+        published = read_curve(profile.curve)
+        if _covers(published, lowest, highest):
+            return [profile.curve.name], published, False
+    if neutral:
+        ends = np.array([min(_PULSES[0], lowest), neutral, max(_PULSES[1], highest)])
+    else:
+        largest = max(abs(lowest), abs(highest))
+        # Commands as shares of one or in percent end at 1 or 100.
+        end = next((full for full in (1.0, 100.0) if 0.3 * full < largest <= full), _HEADROOM * largest)
+        if largest <= 100.0 and any(command.in_percent for command in commands):
+            end = 100.0
+        ends = np.array([-end, 0.0, end])
+    above = ends - neutral
+    line = ThrustCurve(command=ends, thrust=FULL_THRUST * above / np.max(np.abs(above)))
+    return [GUESSED_CURVE], line, True
+
+
+def measured_curves(folder: Path, lowest: float, highest: float, problems: list[str]) -> list[str]:
+    """Names of the thrust curves in the folder that cover the commands."""
+    found = []
+    for path in list_files(folder, lambda _: None).files:
+        if path.parent != folder or path.name == GUESSED_CURVE or not is_thrust_curve(path):
+            continue
+        try:
+            curve = read_curve(path)
+        except RovidError as error:
+            problems.append(str(error))
+            continue
+        if _covers(curve, lowest, highest):
+            found.append(path.name)
+    return found
+
+
+def _covers(curve: ThrustCurve, lowest: float, highest: float) -> bool:
+    margin = 0.01 * curve.span
+    return bool(curve.command[0] <= lowest + margin and highest - margin <= curve.command[-1])

@@ -14,8 +14,7 @@ from rovid.core.formatting import plus_minus
 from rovid.planar.dataset import PlanarData, SmoothRun, measured_axes, planar_data, sensor_noise, smooth_run
 from rovid.preflight.advice import Advice
 from rovid.preflight.check import read_each_log, verdict_of
-from rovid.preflight.planar_signs import wrong_entries
-from rovid.preflight.sensor_lags import CORRELATED, SCALES, SensorLag, sensor_lags
+from rovid.preflight.planar_sensors import CORRELATED, SCALES, SensorLag, sensor_lags, wrong_entries
 from rovid.readers.campaign import examine_campaign
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault, stopping

@@ -11,8 +11,15 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import significant
 from rovid.preflight.axis_guess import axis_signals
 from rovid.preflight.command_effects import CommandEffect, command_effects
-from rovid.preflight.drive_guess import RudderGuess, guess_rudder, is_steered, speed_question
-from rovid.preflight.motor_guess import guess_shaft, lone_yaw_rate, rate_unit
+from rovid.preflight.drive_guess import (
+    STEERING,
+    RudderGuess,
+    guess_rudder,
+    guess_shaft,
+    lone_yaw_rate,
+    rate_unit,
+    speed_question,
+)
 from rovid.preflight.raw_columns import (
     COMMAND,
     FULL_TURN,
@@ -106,7 +113,7 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
         position = signals.get("heading") or signals.get("yaw_rate")
         is_vehicle = "heading" in signals or (position is not None and is_yaw_rate(position.source))
         if not is_vehicle and (shaft := guess_shaft(columns, logs, hints.heading, hints.commands)) is not None:
-            return ColumnMapping(signals=shaft.signals, commands=shaft.commands, remarks=shaft.remarks).of(columns)
+            return ColumnMapping(signals=shaft[0], commands=shaft[1], remarks=shaft[2]).of(columns)
     else:
         signals = axis_signals(hints.axis, columns, shared, hints.heading)
         position = next(iter(signals.values()), None)
@@ -154,7 +161,7 @@ def _drives(
         return (), guess_thrusters(free, logs, position, hints)
     rudder, speed = found
     # The order to the rudder and further columns of its angle are no thrusters.
-    others = {one: logged for one, logged in free.items() if one != speed.source and not is_steered(one)}
+    others = {one: logged for one, logged in free.items() if one != speed.source and not logged.words & STEERING}
     # A propeller in front of the rudder turns nothing.
     commands = tuple(one for one in guess_thrusters(others, logs, position, hints) if one.direction)
     if commands and not rudder.direction_known:

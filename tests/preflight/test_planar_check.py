@@ -14,7 +14,8 @@ import pandas as pd
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.axis_guess import guess_planar, propeller_lines, share_lines
+from rovid.preflight.axis_guess import guess_planar
+from rovid.preflight.config_writer import propeller_lines, share_lines
 from rovid.preflight.planar_check import PlanarCheck, check_planar
 from rovid.preflight.raw_columns import RawColumn, SignalGuess
 from rovid.preflight.thruster_guess import ThrusterCommand

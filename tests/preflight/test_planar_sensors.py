@@ -10,7 +10,7 @@ import pytest
 
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.model import SENSORS
-from rovid.preflight.planar_signs import wrong_entries
+from rovid.preflight.planar_sensors import wrong_entries
 from rovid.trial.trial import Campaign
 from tests.planar.vehicles import Truth, box_rov, campaign
 
