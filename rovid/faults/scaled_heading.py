@@ -1,6 +1,6 @@
 """A heading or a rate of another size: it wraps at another period than a turn, or a gyro contradicts the heading.
 
-Radians for degrees and the reverse are refused by `rovid.readers.unit_checks`, which names the unit.
+Radians for degrees and the reverse are refused by `rovid.readers.time_base`, which names the unit.
 """
 
 from collections.abc import Iterator

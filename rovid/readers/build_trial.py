@@ -19,24 +19,14 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
-from rovid.faults.base import (
-    ClockData,
-    ClocksData,
-    ClockStep,
-    CommandData,
-    SignalData,
-    Stage,
-    TrialData,
-    examine,
-    faults_of_all,
-    resolve,
-)
+from rovid.faults import base as fault_base
+from rovid.faults.base import ClockData, ClocksData, CommandData, SignalData, TrialData
 from rovid.faults.catalogue import detectors_at
+from rovid.readers import time_base
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
-from rovid.readers.time_base import TimeBase, TimedSeries, local_position, planar_readings
+from rovid.readers.time_base import TimeBase, TimedSeries
 from rovid.readers.timestamps import make_monotonic, timed_rows, without_rounding
-from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading, refuse_wrong_tilt
 from rovid.trial.axis import YAW
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault
@@ -73,16 +63,16 @@ class _Builder:
         self.faults: list[Fault] = list(raw.faults)
         self.cuts: list[float] = []  # s on the clocks of the log.
         self.unknown: list[tuple[float, float]] = []
-        self.clock_steps: tuple[ClockStep, ...] = ()
+        self.clock_steps: tuple[fault_base.ClockStep, ...] = ()
         kinds = {(True, True): TURNING, (True, False): SPEED_KIND, (False, True): ANGLE, (False, False): DISTANCE}
         self.kind: Kind = kinds[self.rate_only, self.axis.angular]
 
     def remark(self, kind: str, count: int, text: str) -> None:
         self.remarks.append(Remark(kind=kind, count=count, text=text))
 
-    def examined(self, stage: Stage, data: _Data) -> _Data:
+    def examined(self, stage: fault_base.Stage, data: _Data) -> _Data:
         """``data`` of this ``stage`` with the remedies of its faults."""
-        data, faults = examine(detectors_at(stage), data, self.config.faults)
+        data, faults = fault_base.examine(detectors_at(stage), data, self.config.faults)
         # A step that several clocks of one host share is one fault.
         self.faults += [fault for fault in faults if fault not in self.faults]
         return data
@@ -128,7 +118,8 @@ class _Builder:
                 held[at], gains[at] = steering.command(held[at], speed), steering.gain(speed)
         start = float(base.time[0])
         places = {name: signal.position or (0.0, 0.0) for name, signal in self.config.signals.items()}
-        readings, remarks = planar_readings(series, base.time, position, places, wanted=self.config.vehicle.planar)
+        is_planar = self.config.vehicle.planar
+        readings, remarks = time_base.planar_readings(series, base.time, position, places, wanted=is_planar)
         self.remarks += remarks
         trial = Trial(
             name=self.name,
@@ -172,7 +163,7 @@ class _Builder:
         series = dict(chain.from_iterable(map(self.one_clock, ordered)))
         self.find_common_pauses(series)
         if {"north", "east"} <= series.keys() and self.config.signals["north"].is_geodetic:
-            series["north"], series["east"] = local_position(series["north"], series["east"])
+            series["north"], series["east"] = time_base.local_position(series["north"], series["east"])
         return series
 
     def find_common_pauses(self, series: Mapping[str, TimedSeries]) -> None:
@@ -299,7 +290,9 @@ class _Builder:
         commands = []
         for at, (name, data) in enumerate(zip(names, logged, strict=True)):
             others = (*logged[:at], *logged[at + 1 :])
-            fixed, faults = examine(detectors_at("command"), replace(data, others=others), self.config.faults)
+            fixed, faults = fault_base.examine(
+                detectors_at("command"), replace(data, others=others), self.config.faults
+            )
             found.append((data.name, faults))
             self.unknown += fixed.unknown
             command = replace(series[name], values=fixed.values)
@@ -308,7 +301,7 @@ class _Builder:
                 raise self.error(text, "Map the column or topic that holds the command, or leave this log out.")
             self.remark_missing(name, command, "; the value before was held")
             commands.append(command)
-        self.faults += faults_of_all(found)
+        self.faults += fault_base.faults_of_all(found)
         return commands
 
     def speed_of(self, steering: Steering, base: TimeBase, series: Mapping[str, TimedSeries]) -> FloatArray:
@@ -383,13 +376,13 @@ class _Builder:
         signal = self.config.signals[self.axis.position_signal]
         try:
             if self.axis.self_righting:
-                refuse_wrong_tilt(self.raw.channels[signal.name], signal, self.name)
+                time_base.refuse_wrong_tilt(self.raw.channels[signal.name], signal, self.name)
                 return
             if yaw_rate is not None:
                 signals = (signal, self.config.signals["yaw_rate"])
-                if gyro_confirms_unit(time, heading, yaw_rate, signals, self.name):
+                if time_base.gyro_confirms_unit(time, heading, yaw_rate, signals, self.name):
                     return
-            refuse_wrong_heading(self.raw.channels[signal.name], signal, heading, self.name)
+            time_base.refuse_wrong_heading(self.raw.channels[signal.name], signal, heading, self.name)
         except LogError as error:
             fault = Fault(fault="scaled_heading", logs=(self.name,), text=str(error), stops=True)
-            self.faults.append(resolve(fault, self.config.faults))
+            self.faults.append(fault_base.resolve(fault, self.config.faults))

@@ -1,4 +1,4 @@
-"""Dialect of a CSV file: encoding, delimiter, decimal sign, header, and the end of its last whole line."""
+"""Dialect of a CSV file: encoding, delimiter, header, notation of numbers, and the end of its last whole line."""
 
 import codecs
 import csv
@@ -9,25 +9,24 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import zip_longest
 from pathlib import Path
-from typing import IO, Self
+from typing import IO, NamedTuple, Self
 
+import numpy as np
+
+from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
-from rovid.readers.orientation_columns import orientations
+from rovid.readers.raw_log import orientations
 from rovid.trial.tables import suggest_columns
 
-# Bytes read at the beginning and at the end of the file.
-_HEAD = 1 << 16
-_TAIL = 1 << 16
+# Bytes read at the beginning of the file, and in blocks from its end.
+_HEAD = _TAIL = 1 << 16
 _DELIMITERS = (",", ";", "\t")
 # Delimiter of a table whose cells are aligned by spaces.
 SPACES = " "
-_BOMS = (
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF32_LE, "utf-32"),
-    (codecs.BOM_UTF32_BE, "utf-32"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
+# The mark of UTF-32 begins as that of UTF-16.
+_BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32"}
+_BOMS |= {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_WIDE = ("utf-16", "utf-32")  # Every character takes two bytes or more.
 _LINE_END = re.compile("\r\n|\n|\r")
 _CONTROL_CHARACTER = re.compile("[\x00-\x08\x0e-\x1f]")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
@@ -80,7 +79,7 @@ class Layout:
     @property
     def wide(self) -> bool:
         """Whether every character takes two bytes or more."""
-        return self.encoding.startswith(("utf-16", "utf-32"))
+        return self.encoding.startswith(_WIDE)
 
     @property
     def width(self) -> int:
@@ -163,7 +162,7 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
     sample = [line for line, _ in whole[start:]][:_SAMPLE_ROWS]
     end = lines[start - 1][1]
     # cp1252 decodes unknown bytes to one character each.
-    is_wide = encoding.startswith(("utf-16", "utf-32"))
+    offset = end if encoding.startswith(_WIDE) else len(text[:end].encode(encoding, errors="replace"))
     return Layout(
         path=path,
         encoding=encoding,
@@ -174,13 +173,13 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
         before=len(before),
         plain=start == at + 1 and all(text.strip() and text.count('"') % 2 == 0 for text in before),
         spaced=any(map(_SPACED_QUOTE.search, sample)),
-        offset=end if is_wide else len(text[:end].encode(encoding, errors="replace")),
+        offset=offset,
         rows=tuple(tuple(_cells(line, delimiter)) for line in sample if line.strip()),
     )
 
 
 def _encoding(path: Path, head: bytes) -> str:
-    for mark, name in _BOMS:
+    for mark, name in _BOMS.items():
         if head.startswith(mark):
             return name
     body = head.rstrip(b"\0")
@@ -334,15 +333,14 @@ def last_whole_line(file: IO[bytes], size: int) -> tuple[int, int]:
 
     A loss of power leaves a line without an end, or NUL bytes.
     """
-    end = size
-    text = b""
-    while end and not text:
-        start, block = _block_before(file, end)
-        text = block.rstrip(b"\0")
-        end = start + len(text)
-    nul = size - end
+    end, nul = size, 0
     while end:
-        start, block = _block_before(file, end)
+        start = max(0, end - _TAIL)
+        file.seek(start)
+        block = file.read(end - start)
+        if nul == size - end:  # Nothing else yet.
+            block = block.rstrip(b"\0")
+            nul = size - start - len(block)
         at = max(block.rfind(b"\n"), block.rfind(b"\r"))
         if at >= 0:
             return start + at + 1, nul
@@ -350,8 +348,48 @@ def last_whole_line(file: IO[bytes], size: int) -> tuple[int, int]:
     return 0, nul
 
 
-def _block_before(file: IO[bytes], end: int) -> tuple[int, bytes]:
-    """Start and contents of the last block before ``end``."""
-    start = max(0, end - _TAIL)
-    file.seek(start)
-    return start, file.read(end - start)
+# --- notation of numbers: decimal signs and thousands separators ------------------------------------------------
+
+# Between groups of three digits: the sign that is not the decimal one, an apostrophe, a space, two narrow spaces.
+_SEPARATORS = "'’ \u00a0\u202f"
+_GROUPED = re.compile(rf"[+-]?\d{{1,3}}(?:[.,{_SEPARATORS}]\d{{3}})+(?:[.,]\d+)?")
+
+
+class Notation(NamedTuple):
+    """Decimal sign and thousands separators of a table."""
+
+    decimal: str
+    thousands: str
+
+    def numbers(self, cells: Sequence[str]) -> FloatArray | None:
+        """(n,) numbers of ``cells`` without outer spaces, NaN where empty; None if one is none in this notation."""
+        whole, sign = rf"(?:\d{{1,3}}(?:[{self.thousands}]\d{{3}})+|\d+)", re.escape(self.decimal)
+        number = re.compile(rf"[+-]?(?:{whole}(?:{sign}\d*)?|{sign}\d+)(?:[eE][+-]?\d+)?")
+        signs = str.maketrans({**dict.fromkeys(self.thousands), self.decimal: "."})
+        if not all(number.fullmatch(cell) for cell in cells if cell):
+            return None
+        return np.array([float(cell.translate(signs)) if cell else np.nan for cell in cells])
+
+
+NOTATIONS = (Notation(".", f",{_SEPARATORS}"), Notation(",", f".{_SEPARATORS}"))
+
+
+def has_thousands(cell: str) -> bool:
+    """Whether a cell may be a number with thousands separators."""
+    return bool(_GROUPED.fullmatch(cell))
+
+
+def read_grouped(columns: Sequence[Sequence[str]], time: int | None) -> list[FloatArray] | None:
+    """(n,) numbers of each of ``columns`` in the one notation that fits them all; None if no notation or both fit.
+
+    Where both fit, that one is taken in which the column ``time`` goes back less often: 999, 1.000, 1.001 is a time in
+    ms with thousands separators.
+    """
+    read = [list(map(notation.numbers, columns)) for notation in NOTATIONS]
+    fitting = [[one for one in numbers if one is not None] for numbers in read]
+    fitting = [numbers for numbers in fitting if len(numbers) == len(columns)]
+    if len(fitting) > 1 and time is not None:
+        clocks = [numbers[time] for numbers in fitting]
+        backward = [int(np.sum(np.diff(clock[np.isfinite(clock)]) <= 0.0)) for clock in clocks]
+        fitting = [numbers for numbers, steps in zip(fitting, backward, strict=True) if steps < max(backward)]
+    return fitting[0] if len(fitting) == 1 else None

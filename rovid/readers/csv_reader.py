@@ -17,10 +17,8 @@ import pandas as pd
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
-from rovid.readers.csv_dialect import MISSING, SPACES, Layout, is_datum, last_whole_line, read_layout
-from rovid.readers.notation import NOTATIONS, has_thousands, read_grouped
-from rovid.readers.orientation_columns import join_orientations, orientations, split_orientations
-from rovid.readers.raw_log import Channel, FilePart, LogContents, RawLog, required_signals, required_time
+from rovid.readers import csv_dialect, raw_log
+from rovid.readers.csv_dialect import MISSING, NOTATIONS, SPACES, Layout
 from rovid.readers.timestamps import SPLIT, clock_parts, column_to_seconds, counts_rows, guess_clock, start_epoch
 from rovid.trial.axis import Signal
 from rovid.trial.config import Config
@@ -39,13 +37,13 @@ _LONG_INTEGER = 16
 _MAX_LEFT_OUT = 8
 
 
-def read(path: Path, config: Config) -> RawLog:
+def read(path: Path, config: Config) -> raw_log.RawLog:
     """Mapped columns of ``path``."""
-    mapped = required_signals(config, KIND, path)
-    signals = {"time": required_time(config, KIND), **mapped}
-    layout = read_layout(path, {signal.sources[KIND] for signal in signals.values()})
+    mapped = raw_log.required_signals(config, KIND, path)
+    signals = {"time": raw_log.required_time(config, KIND), **mapped}
+    layout = csv_dialect.read_layout(path, {signal.sources[KIND] for signal in signals.values()})
     layout = layout.without_stray_rows()
-    signals = split_orientations(signals, layout.written_names, KIND)
+    signals = raw_log.split_orientations(signals, layout.written_names, KIND)
     clock, unit = signals["time"].sources[KIND], signals["time"].unit
     parts = clock_parts(clock, layout.written_names)
     if parts is not None:
@@ -54,7 +52,7 @@ def read(path: Path, config: Config) -> RawLog:
     columns = {name: layout.column(signal.sources[KIND], name) for name, signal in signals.items()}
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
-        end, nul = (size, 0) if layout.wide else last_whole_line(file, size)
+        end, nul = (size, 0) if layout.wide else csv_dialect.last_whole_line(file, size)
     table = _Table(layout=layout, columns=columns, signals=signals, end=end, size=size)
     frame, skipped = _read_columns(table)
     if not len(frame):
@@ -71,10 +69,16 @@ def read(path: Path, config: Config) -> RawLog:
         if name in {"time", _REST} or at not in frame:
             continue
         values = time if at == columns["time"] else frame[at].to_numpy(dtype=np.float64)
-        channels[name] = Channel(source=signal.sources[KIND], clock=clock, time=time, values=values)
-    channels = join_orientations(channels, mapped, KIND)
-    remarks = (*_cut_remarks(size - nul - end, nul), *skipped)
-    return RawLog(channels=channels, place=lambda _, row: f"line {table.line(row)}", remarks=remarks, epoch=epoch)
+        channels[name] = raw_log.Channel(source=signal.sources[KIND], clock=clock, time=time, values=values)
+    channels = raw_log.join_orientations(channels, mapped, KIND)
+    cut = size - nul - end
+    if cut or nul:
+        ends = [f"a last line of {cut} bytes without an end"] * bool(cut) + [f"{nul} NUL bytes"] * bool(nul)
+        text = f"The file ends in {' and '.join(ends)}, as a crash leaves it; that part was left out."
+        skipped.insert(0, Remark(kind="truncated", count=cut + nul, text=text))
+    return raw_log.RawLog(
+        channels=channels, place=lambda _, row: f"line {table.line(row)}", remarks=tuple(skipped), epoch=epoch
+    )
 
 
 def _read_columns(table: "_Table") -> tuple[pd.DataFrame, list[Remark]]:
@@ -87,10 +91,9 @@ def _read_columns(table: "_Table") -> tuple[pd.DataFrame, list[Remark]]:
             if not table.has_stray_rows and (stray := table.stray_rows()):
                 table = replace(table, has_stray_rows=True)
                 number, shown = stray[0][0], table.layout.delimiter.join(stray[0][1])[:40]
-                text = (
-                    f"{len(stray)} rows hold no data, but a comment, a header or two rows in one; left out. The first"
-                )
-                skipped.append(Remark(kind="skipped", count=len(stray), text=f"{text}, line {number}: {shown}."))
+                text = f"{len(stray)} rows hold no data, but a comment, a header or two rows in one; left out."
+                text += f" The first, line {number}: {shown}."
+                skipped.append(Remark(kind="skipped", count=len(stray), text=text))
                 continue
             if not isinstance(error, _NoNumberError):
                 raise
@@ -105,12 +108,6 @@ class _NoNumberError(LogError):
     """A cell of ``signal`` holds no number."""
 
     signal = ""
-
-
-def _cut_remarks(line: int, nul: int) -> tuple[Remark, ...]:
-    parts = [f"a last line of {line} bytes without an end"] * bool(line) + [f"{nul} NUL bytes"] * bool(nul)
-    text = f"The file ends in {' and '.join(parts)}, as a crash leaves it; that part was left out."
-    return (Remark(kind="truncated", count=line + nul, text=text),) * bool(parts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +156,7 @@ class _Table:
         at = self.columns["time"]
         cells = [row[at].strip() for row in self.layout.rows if at < len(row)]
         cell = next((cell for cell in cells if cell not in MISSING), "0")
-        is_numeric = any(_is_number(cell, sign) for sign in ".,") or has_thousands(cell)
+        is_numeric = any(_is_number(cell, sign) for sign in ".,") or csv_dialect.has_thousands(cell)
         if self.signals["time"].unit == "iso8601" or not is_numeric:
             return "str"
         if cell.isdigit() and len(cell) >= _LONG_INTEGER:
@@ -200,7 +197,7 @@ class _Table:
             yield io.StringIO(text[self.layout.offset : max(text.rfind("\n"), text.rfind("\r")) + 1])
             return
         with self.layout.path.open("rb") as file:
-            rows = FilePart(file, self.layout.offset, self.end - self.layout.offset)
+            rows = raw_log.FilePart(file, self.layout.offset, self.end - self.layout.offset)
             yield io.TextIOWrapper(io.BufferedReader(rows, 1 << 18), encoding="utf-8", errors="replace", newline="")
 
     @contextmanager
@@ -227,9 +224,11 @@ class _Table:
                 column.append("" if cell in MISSING else cell)
         clock = self.columns["time"]
         numeric = [at for at in places if at != clock or self._time_type() != "str"]
-        if not any(has_thousands(cell) for at in numeric for cell in cells[at]):
+        if not any(csv_dialect.has_thousands(cell) for at in numeric for cell in cells[at]):
             return None
-        numbers = read_grouped([cells[at] for at in numeric], numeric.index(clock) if clock in numeric else None)
+        numbers = csv_dialect.read_grouped(
+            [cells[at] for at in numeric], numeric.index(clock) if clock in numeric else None
+        )
         if numbers is None:
             return None
         return pd.DataFrame({**cells, **dict(zip(numeric, numbers, strict=True))})
@@ -272,14 +271,13 @@ class _Table:
                     shown = cell[:40] + "…" if len(cell) > 40 else cell
                     expected, mend = "a number", "Delete the row or leave the cell empty."
                     if name not in filled:
-                        mend = (
-                            "If the column holds text, map another one in rovid.toml. Otherwise leave the cell empty."
-                        )
+                        text = "If the column holds text, map another one in rovid.toml."
+                        mend = f"{text} Otherwise leave the cell empty."
                     if _is_number(cell, "."):
                         expected = f"a number with the decimal sign {decimal!r} of other cells"
                     elif cell == self.layout.titles[at]:
                         expected, mend = "a number, no second header", "Split the file there: each part is a log."
-                    elif has_thousands(cell):
+                    elif csv_dialect.has_thousands(cell):
                         expected = "a number without thousands separators"
                         mend = "Which sign is the decimal one does not follow from the table: export it without them."
                     text = f"{self.signals[name].sources[KIND]} is {shown!r}, {expected} was expected."
@@ -291,19 +289,17 @@ class _Table:
 
 
 def _is_number(cell: str, decimal: str) -> bool:
+    if "_" in cell or (decimal != "." and "." in cell):
+        return False
     try:
-        return (
-            "_" not in cell
-            and (decimal == "." or "." not in cell)
-            and not math.isnan(float(cell.replace(decimal, ".")))
-        )
+        return not math.isnan(float(cell.replace(decimal, ".")))
     except ValueError:
         return False
 
 
-def sources(path: Path) -> LogContents:
+def sources(path: Path) -> raw_log.LogContents:
     """The time column, empty if none looks like a time, and every other column that begins with numbers."""
-    layout = read_layout(path, ())
+    layout = csv_dialect.read_layout(path, ())
     repeated = {name for name, count in Counter(layout.names).items() if count > 1}
     numbers: dict[str, FloatArray] = {}
     texts: list[str] = []
@@ -319,7 +315,7 @@ def sources(path: Path) -> LogContents:
             dated.append(name)
         else:
             texts.append(name)  # Perhaps a time of day.
-    if 2 * sum(map(is_datum, layout.names)) > len(layout.names):
+    if 2 * sum(map(csv_dialect.is_datum, layout.names)) > len(layout.names):
         text = "begins with numbers, where the names of the columns were expected."
         raise LogError(text, where=path, mend="Put a row of names in front, with one for each column.")
     clock = guess_clock(numbers, dated, texts)
@@ -328,9 +324,9 @@ def sources(path: Path) -> LogContents:
         if counts := [name for name, values in numbers.items() if counts_rows(values)]:
             text, mend = f"{counts[0]} counts rows", "Add a column of times: the count divided by the sampling rate."
         raise LogError(f"holds no column that could be the time: {text}.", where=path, mend=mend)
-    whole = orientations(tuple(numbers))
+    whole = raw_log.orientations(tuple(numbers))
     parts = {name for each in whole.values() for name in each.values()}
-    return LogContents(
+    return raw_log.LogContents(
         clock=clock,
         sources=(*(name for name in numbers if name not in {clock, *clock.split(SPLIT), *parts}), *whole),
         orientations=tuple(whole),
@@ -340,7 +336,7 @@ def sources(path: Path) -> LogContents:
 
 def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
     """(n,) numbers, NaN where empty; None if a cell holds text, or all are empty."""
-    if any(map(has_thousands, cells)):
+    if any(map(csv_dialect.has_thousands, cells)):
         known = ["" if cell in MISSING else cell for cell in cells]
         fitting = [one for one in (notation.numbers(known) for notation in NOTATIONS) if one is not None]
         return fitting[0] if fitting else None
@@ -353,6 +349,4 @@ def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
             values[row] = float(text)
         except ValueError:
             return None
-    if not np.isfinite(values).any():
-        return None
-    return values
+    return values if np.isfinite(values).any() else None
