@@ -23,9 +23,8 @@ from rovid.model.parameter_names import base_names, effect_ids
 from rovid.store.load import history_output, read_history, read_parameters
 from rovid.store.parameter_file import Parameters, Source
 from rovid.store.study import Study
-from rovid.trial.assumptions import Assumptions
+from rovid.trial.assumptions import Assumptions, ConfigFingerprint
 from rovid.trial.axis import PLANAR, Axis
-from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.preprocessing import Run, shared_channels
 from rovid.trial.vehicle import Vehicle
 

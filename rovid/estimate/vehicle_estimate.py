@@ -8,9 +8,8 @@ import numpy as np
 from rovid.core.errors import ConfigError
 from rovid.estimate.experiment_design import CandidateModel
 from rovid.model.model import Model
-from rovid.trial.hull import cross_flow_drags
 from rovid.trial.trial import Trial
-from rovid.trial.vehicle import USUAL_INERTIA_RATIO, Vehicle
+from rovid.trial.vehicle import USUAL_INERTIA_RATIO, Vehicle, cross_flow_drags
 
 # Drag coefficient of a bluff body across the flow (Hoerner 1965, chapter 3: 1 to 1.2), on the area it shows.
 _DRAG_COEFFICIENT = 1.1

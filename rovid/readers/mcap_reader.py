@@ -161,7 +161,7 @@ class McapFile:
         return self.file.read(max(0, min(count, self.size - offset)))
 
     def _summary(self) -> tuple[list[tuple[int, int]], Statistics] | None:
-        """(offset, length) of the chunks to read, in order; None unless the summary is whole and covers every message."""
+        """(offset, length) of the chunks to read; None unless the summary is whole and covers every message."""
         tail = self._bytes(max(0, self.size - _FOOTER), _FOOTER)
         if len(tail) < _FOOTER or not tail.endswith(MAGIC) or _HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
             return None

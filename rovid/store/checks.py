@@ -13,8 +13,8 @@ from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.multi_step import MultiStepLikelihood
 from rovid.model.parameter_names import effect_ids
 from rovid.store.parameter_file import Entry, Parameters, Provenance, Source, sha256
+from rovid.trial.assumptions import ConfigFingerprint
 from rovid.trial.config import find_config, load_config
-from rovid.trial.config_fingerprint import ConfigFingerprint
 
 # Joint standard errors beyond which two methods disagree; a decision.
 _LIMIT = 3.0

@@ -11,9 +11,9 @@ from rovid.core.input_files import list_files
 from rovid.readers import find_logs, read_trials
 from rovid.readers.formats import trial_files
 from rovid.store.study import config_files
+from rovid.trial.assumptions import ConfigFingerprint
 from rovid.trial.axis import Axis
 from rovid.trial.config import FILE_NAME, Config, find_config, load_config
-from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.log_files import is_log
 from rovid.trial.trial import Remark, Trial
 

@@ -21,8 +21,8 @@ from rovid.core.output_files import HISTORY, PARAMETERS, Content, OutputFile, Ou
 from rovid.effects.plugins import Origin
 from rovid.model.parameter_names import PLANAR_UNITS, base_names, is_planar_base
 from rovid.store.parameter_file import SCHEMA, SCHEMA_VERSION, Entry, OpenCombination, Parameters, Source
+from rovid.trial.assumptions import ConfigFingerprint
 from rovid.trial.axis import PLANAR, YAW, parameter_axis
-from rovid.trial.config_fingerprint import ConfigFingerprint
 
 # Tolerance of correlations: accepts numbers that a user rounded to three digits.
 _ROUNDING = 1e-3

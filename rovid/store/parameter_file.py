@@ -23,9 +23,8 @@ from rovid.effects.plugins import Origin, origin, require_origins
 from rovid.estimate.estimate import PER_INERTIA, Estimate
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names, effect_ids
-from rovid.trial.assumptions import Assumptions
+from rovid.trial.assumptions import Assumptions, ConfigFingerprint
 from rovid.trial.axis import PLANAR, YAW, Axis
-from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.trial import NO_FILE, Trial
 
 # Largest decay rate of a motion in 1/s; faster decay is implausible and could not be integrated. A decision.

@@ -33,10 +33,9 @@ from rovid.store.study import Study, study_of
 from rovid.trial.axis import PLANAR
 from rovid.trial.config import Config, find_config, load_planar_config
 from rovid.trial.fault import fault_texts, stopping
-from rovid.trial.hull import hull_parameters
 from rovid.trial.tables import read_table
 from rovid.trial.trial import Campaign
-from rovid.trial.vehicle import USUAL_INERTIA_RATIO, Vehicle
+from rovid.trial.vehicle import USUAL_INERTIA_RATIO, Vehicle, hull_parameters
 
 # Relative standard errors of a value without one and of a sister vehicle, and of a hull's added mass and drag.
 # Decisions.

@@ -32,9 +32,9 @@ from rovid.faults.thrust_unit import inertia_fault
 from rovid.readers import read_campaign
 from rovid.readers.campaign import TrialReader, candidate_files
 from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_source, trial_source
+from rovid.trial.assumptions import ConfigFingerprint
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import Config, find_config, load_config, vehicle_without_thrusters
-from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.fault import Fault, FaultOverrides, fault_texts, stopping
 from rovid.trial.preprocessing import PreparedRuns, prepare, shared_channels
 from rovid.trial.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table

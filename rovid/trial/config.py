@@ -1,7 +1,8 @@
 """rovid.toml: the vehicle, and the column or topic of each signal."""
 
 import contextlib
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -9,7 +10,7 @@ from typing import Any, Self
 from rovid.core.errors import ConfigError
 from rovid.core.input_files import read_toml, require_exists, special_kind
 from rovid.core.transaction import recover
-from rovid.trial import drives
+from rovid.trial.assumptions import ConfigFingerprint, config_fingerprint, prior_digest
 from rovid.trial.axis import (
     ANGLE_UNITS,
     AXES,
@@ -22,22 +23,19 @@ from rovid.trial.axis import (
     Signal,
     other_axes,
 )
-from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint, prior_digest
 from rovid.trial.config_values import GUESSED, ConfigValues
-from rovid.trial.cutting import Exclusion, exclusions, join, kept_faults
-from rovid.trial.fault import FaultOverrides
+from rovid.trial.cutting import Exclusion
+from rovid.trial.fault import FAULT_IDS, FaultOverrides
 from rovid.trial.log_files import Join
-from rovid.trial.tables import bench_curve
 from rovid.trial.vehicle import Thruster, Vehicle
 
 FILE_NAME = "rovid.toml"
 _NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia", "thrust_scale", "thrust_scale_error")
 _VEHICLE_KEYS = ("name", *_NUMBERS)
-_ARMS = tuple(axis.arm_key for axis in AXES.values())
 # First bytes of a rovid.toml of rovid 0.2, which did not mark guesses.
 _UNMARKED_GUESSES = b"# Written by `rovid init`, which looked at "
-_THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *(key + GUESSED for key in (*_ARMS, "curve")))
-_THRUSTER_KEYS += (*drives.MOTOR_KEYS, *drives.GEOMETRY_KEYS)
+_JOIN_KEYS = ("parts", "offset", "drift", "time")
+_EXCLUSION_KEYS = ("log", "from", "to", "reason")
 _TABLES = ("vehicle", "thrusters", "rudders", "signals", "leave_out", "join", "faults", "planar")
 
 
@@ -180,12 +178,7 @@ def vehicle_without_thrusters(paths: Sequence[Path]) -> Vehicle:
 
 
 class _Parser(ConfigValues):
-    """Checks a document; each error names the place inside the file."""
-
-    @property
-    def example_arm(self) -> str:
-        """Lever of a thruster, as a line for messages."""
-        return f"{self.axis.arm_key} = {'0.43' if self.axis.angular else '1.0'}"
+    """Checks a document."""
 
     def config(self, document: Mapping[str, Any]) -> Config:
         self.require_known(document, _TABLES, "top level")
@@ -207,9 +200,9 @@ class _Parser(ConfigValues):
             signals=signals,
             commands=tuple(commands),
             measured_signal=measured_signal,
-            exclusions=tuple(exclusions(document, self)),
-            join=join(document, self),
-            faults=kept_faults(document, self),
+            exclusions=tuple(self.exclusions(document)),
+            join=self.join(document),
+            faults=self.kept_faults(document),
             prior=self.table(coupled, "prior") if self.planar else {},
         )
 
@@ -249,78 +242,51 @@ class _Parser(ConfigValues):
             raise self.error("[signals]", f"has no {expected}.", mend)
         raise self.error("[signals]", f"has no {expected}.", f"Add {line}.")
 
-    def actuators(
-        self, blocks: Sequence[Any], rudders: Sequence[Any], signals: dict[str, Signal]
-    ) -> tuple[list[Thruster], list[Signal]]:
-        """Actuators along the axis and their commands; a logged drive is removed from ``signals``."""
-        pairs = [pair for index, block in enumerate(blocks) for pair in self.thruster(index, block)]
-        diameters = drives.propeller_diameters(blocks, self)
-        for index, block in enumerate(rudders):
-            place = f"[[rudders]] number {index + 1}"
-            self.require_block(block, "rudders", place, (*drives.RUDDER_KEYS, *drives.RUDDER_GEOMETRY_KEYS))
-            name = self.name(block.get("name", f"rudder_{index + 1}"), f"{place} name")
-            if self.planar:
-                thruster = drives.planar_rudder(block, name, diameters, self)
-            else:
-                thruster = drives.steered(block, name, signals, self)
-            angle = self.signal(f"command.{name}", block["angle"], f"[[rudders]] {name!r} angle", like="heading")
-            pairs.append((thruster, angle))
-        if (drive := drives.logged_drive(signals, self, alone=not pairs)) is not None:
-            pairs = [(drive, signals.pop(drive.name))]
-        return [thruster for thruster, _ in pairs], [command for _, command in pairs]
+    def exclusions(self, document: Mapping[str, Any]) -> Iterator[Exclusion]:
+        """The intervals of [[leave_out]]."""
+        for index, block in enumerate(self.blocks(document, "leave_out")):
+            place = f"[[leave_out]] number {index + 1}"
+            self.require_block(block, "leave_out", place, _EXCLUSION_KEYS)
+            if not isinstance(block.get("log"), str) or not isinstance(block.get("reason", ""), str):
+                raise self.error(place, "has no log and reason that are text.", 'Add log = "hold_03.csv".')
+            begin = self.number(block.get("from", 0.0), f"{place} from")
+            end = self.number(block["to"], f"{place} to") if "to" in block else math.inf
+            if not end > begin:
+                raise self.error(place, f"ends at {end:g} s and begins at {begin:g} s.", "Give from and to in s.")
+            log, reason = self.name(block["log"], f"{place} log"), self.name(block.get("reason", ""), f"{place} reason")
+            yield Exclusion(log=log, begin=begin, end=end, reason=reason)
 
-    def thruster(self, index: int, block: Mapping[str, Any]) -> list[tuple[Thruster, Signal]]:
-        """The thruster and its command, and its azimuth angle; nothing if it does not act along the axis."""
-        place = f"[[thrusters]] number {index + 1}"
-        self.require_block(block, "thrusters", place, _THRUSTER_KEYS)
-        name = self.name(block.get("name", f"thruster_{index + 1}"), f"{place} name")
-        place = f"[[thrusters]] {name!r}"
-        block = drives.with_levers(block, place, self)
-        # Keys of a thruster, one of which it has if it acts along the axis.
-        levers = drives.PLANAR_LEVERS if self.planar else (self.axis.arm_key,)
-        acts = [key for key in levers if key in block]
-        if not acts and any(other in block for other in _ARMS):
-            return []
-        constant = drives.constant_of(block)
-        arm_key = self.axis.arm_key
-        replaced = drives.REPLACED.get(constant, ())
-        if not acts and "arm" not in replaced:
-            expected = " or ".join([", ".join(levers[:-1]), levers[-1]][not levers[:-1] :])
-            raise self.error(place, f"has no {expected}.", f"Add {self.example_arm}.")
-        for key, example in {"curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}.items():
-            if key not in replaced:
-                self.require(block, key, place, f"Add {key} = {example}.")
-        outside = block.get("outside", "refuse")
-        if outside not in {"refuse", "clamp"}:
-            raise self.error(f"{place} outside", f'is {outside!r}; "refuse" or "clamp" was expected.')
-        lever = {key: self.number(block.get(key, 0.0), f"{place} {key}") for key in (*drives.PLANAR_LEVERS, arm_key)}
-        thruster = Thruster(
-            name=name,
-            clamp=outside == "clamp",
-            arm=lever[arm_key] if arm_key in block or acts else 1.0,
-            curve=drives.motor_curve(block, place, self) if constant else bench_curve(block["curve"], self.path.parent),
-            scale_key=constant if constant == "torque_constant" or self.planar else "",
-            surge_share=lever["surge"],
-            sway_share=lever["sway"] if self.planar else 0.0,
-            position=self.place_of(block, place) if "position" in block else None,
-            arm_guessed=any(self.is_guessed(block, key, place) for key in ([constant] if constant else acts)),
-            curve_guessed=not constant and self.is_guessed(block, "curve", place),
-        )
-        pairs = [(thruster, self.signal(f"command.{name}", block["command"], f"{place} command"))]
-        if "azimuth" in block:
-            # The actuator whose command is the azimuth angle.
-            turning = Thruster(name=f"{name}.azimuth", arm=0.0, curve=None, turns=name)
-            angle = self.signal(f"command.{turning.name}", block["azimuth"], f"{place} azimuth", like="heading")
-            pairs.append((turning, angle))
-        return pairs
+    def join(self, document: Mapping[str, Any]) -> Join | None:
+        """The table [join]; None where there is none."""
+        table = self.table(document, "join")
+        if not table:
+            return None
+        self.require_known(table, _JOIN_KEYS, "[join]")
+        parts = table.get("parts")
+        if not isinstance(parts, list) or len(parts) < 2 or not all(isinstance(part, str) for part in parts):
+            raise self.error("[join]", "has no parts: two words or more were expected.", 'Add parts = ["ins", "thr"].')
+        times = self.table(table, "time")
+        self.require_known(times, parts, "[join] time")
+        clocks = {}
+        for part, value in times.items():
+            signal = self.signal("time", value, f"[join] time {part}")
+            clocks[part] = next(iter(signal.sources.values()), ""), signal.unit
+        corrections: dict[str, dict[str, float]] = {}
+        for key in ("offset", "drift"):
+            # By part, or by file name or pattern, which has a dot, a star or a slash in it.
+            entries = self.table(table, key)
+            self.require_known([name for name in entries if not {".", "*", "/"} & set(name)], parts, f"[join] {key}")
+            corrections[key] = {name: self.number(value, f"[join] {key} {name}") for name, value in entries.items()}
+        return Join(parts=tuple(parts), time=clocks, **corrections)
 
-    def require_actuators(self, blocks: Sequence[Any], thrusters: Sequence[Thruster]) -> None:
-        place, axis = "[[thrusters]]", self.axis
-        # A self-righting vehicle can be released from a tilt, without a thruster.
-        if not thrusters and not axis.self_righting:
-            if not blocks:
-                raise self.error(place, f"there are none, and no {axis.force_name} is mapped in [signals].")
-            raise self.error(place, f"none has {axis.arm_key}.", f"Add {self.example_arm}.")
-        names = [thruster.name for thruster in thrusters]
-        if len(set(names)) < len(names):
-            raise self.error(place, f"two have the same name among {names}.", "Name each differently.")
+    def kept_faults(self, document: Mapping[str, Any]) -> FaultOverrides:
+        """The table [faults]."""
+        table = self.table(document, "faults")
+        self.require_known(table, FAULT_IDS, "[faults]")
+        kept = {}
+        for fault, value in table.items():
+            logs = ["*"] if value == "keep" else value
+            if not isinstance(logs, list) or not all(isinstance(log, str) for log in logs):
+                raise self.error(f"[faults] {fault}", f'is {value!r}; "keep" or a list of logs was expected.')
+            kept[fault] = tuple(logs)
+        return FaultOverrides(kept=kept)

@@ -1,16 +1,12 @@
-"""Parts of a log: excluded intervals, cuts at faults, and the tables of rovid.toml that ask for them."""
+"""Parts of a log: excluded intervals and cuts at faults."""
 
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.trial.config_values import ConfigValues
-from rovid.trial.fault import FAULT_IDS, FaultOverrides
-from rovid.trial.log_files import Join, is_called
+from rovid.trial.log_files import is_called
 from rovid.trial.trial import Remark, Trial
 
 # Measured positions that a part of a log needs to be kept.
@@ -164,59 +160,3 @@ def with_rows(trial: Trial, instants: FloatArray, commands: FloatArray, at: IntA
     rows["commands"] = np.insert(trial.commands, at, commands, axis=0)
     extras = {name: np.insert(values, at, values[at]) for name, values in trial.extras.items()}
     return replace(trial, **rows, extras=extras)
-
-
-_JOIN_KEYS = ("parts", "offset", "drift", "time")
-_EXCLUSION_KEYS = ("log", "from", "to", "reason")
-
-
-def exclusions(document: Mapping[str, Any], parser: ConfigValues) -> Iterator[Exclusion]:
-    """The intervals of [[leave_out]]."""
-    for index, block in enumerate(parser.blocks(document, "leave_out")):
-        place = f"[[leave_out]] number {index + 1}"
-        parser.require_block(block, "leave_out", place, _EXCLUSION_KEYS)
-        if not isinstance(block.get("log"), str) or not isinstance(block.get("reason", ""), str):
-            raise parser.error(place, "has no log and reason that are text.", 'Add log = "hold_03.csv".')
-        begin = parser.number(block.get("from", 0.0), f"{place} from")
-        end = parser.number(block["to"], f"{place} to") if "to" in block else math.inf
-        if not end > begin:
-            raise parser.error(place, f"ends at {end:g} s and begins at {begin:g} s.", "Give from and to in s.")
-        log, reason = parser.name(block["log"], f"{place} log"), parser.name(block.get("reason", ""), f"{place} reason")
-        yield Exclusion(log=log, begin=begin, end=end, reason=reason)
-
-
-def join(document: Mapping[str, Any], parser: ConfigValues) -> Join | None:
-    """The table [join]; None where there is none."""
-    table = parser.table(document, "join")
-    if not table:
-        return None
-    parser.require_known(table, _JOIN_KEYS, "[join]")
-    parts = table.get("parts")
-    if not isinstance(parts, list) or len(parts) < 2 or not all(isinstance(part, str) for part in parts):
-        raise parser.error("[join]", "has no parts: two words or more were expected.", 'Add parts = ["ins", "thr"].')
-    times = parser.table(table, "time")
-    parser.require_known(times, parts, "[join] time")
-    clocks = {}
-    for part, value in times.items():
-        signal = parser.signal("time", value, f"[join] time {part}")
-        clocks[part] = next(iter(signal.sources.values()), ""), signal.unit
-    corrections: dict[str, dict[str, float]] = {}
-    for key in ("offset", "drift"):
-        # By part, or by file name or pattern, which has a dot, a star or a slash in it.
-        entries = parser.table(table, key)
-        parser.require_known([name for name in entries if not {".", "*", "/"} & set(name)], parts, f"[join] {key}")
-        corrections[key] = {name: parser.number(value, f"[join] {key} {name}") for name, value in entries.items()}
-    return Join(parts=tuple(parts), time=clocks, **corrections)
-
-
-def kept_faults(document: Mapping[str, Any], parser: ConfigValues) -> FaultOverrides:
-    """The table [faults]."""
-    table = parser.table(document, "faults")
-    parser.require_known(table, FAULT_IDS, "[faults]")
-    kept = {}
-    for fault, value in table.items():
-        logs = ["*"] if value == "keep" else value
-        if not isinstance(logs, list) or not all(isinstance(log, str) for log in logs):
-            raise parser.error(f"[faults] {fault}", f'is {value!r}; "keep" or a list of logs was expected.')
-        kept[fault] = tuple(logs)
-    return FaultOverrides(kept=kept)

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -183,11 +182,6 @@ def curve_csv(command: FloatArray, thrust: FloatArray) -> str:
     rows = [f"{c:.10g},{t:.7g}" for c, t in zip(command, thrust, strict=True)]
     first, second = CURVE_COLUMNS
     return "\n".join([f'"{first}",{second}', *rows]) + "\n"
-
-
-def bench_curve(value: Any, folder: Path) -> ThrustCurve:
-    """The curve itself, or that of the file with this name in ``folder``."""
-    return value if isinstance(value, ThrustCurve) else read_curve(folder / str(value))
 
 
 def read_curve(path: Path) -> ThrustCurve:

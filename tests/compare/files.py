@@ -10,7 +10,7 @@ import numpy as np
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.store.parameter_file import Parameters, Provenance, Source
-from rovid.trial.config_fingerprint import ConfigFingerprint
+from rovid.trial.assumptions import ConfigFingerprint
 
 LAG = "thruster_lag.time_constant"
 PLAIN = {"inertia": (5000.0, 8.0), "quadratic_drag": (3500.0, 12.0), "linear_drag": (130.0, 3.0)}

@@ -11,7 +11,7 @@ from rovid.planar.dataset import PlanarData
 from rovid.planar.fit import PlanarFit, fit_base, fit_planar
 from rovid.planar.held_out import Parts
 from rovid.planar.prior import PlanarPrior, PriorUse, PriorValue
-from rovid.trial.hull import hull_parameters
+from rovid.trial.vehicle import hull_parameters
 from tests.planar.vehicles import Truth, campaign
 
 BASE = (30.0, 40.0, 4.0, 0.0, 8.0, 12.0, 1.0, 20.0, 30.0, 2.0)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from rovid.trial.assumptions import Assumptions
+from rovid.trial.assumptions import Assumptions, ConfigFingerprint
 from rovid.trial.config import load_config
-from rovid.trial.config_fingerprint import ConfigFingerprint
 
 TOML = """
 [vehicle]
