@@ -90,16 +90,21 @@ class NormalEquations(NamedTuple):
 
 
 def grouped_scores(pieces: Iterable[Jacobian], groupings: Sequence[IntArray]) -> tuple[FloatArray, list[FloatArray]]:
-    """(p, p) Fisher information, and for each grouping by (N,) group numbers the (m, p) gradients of its m groups."""
+    """(q, p) triangle R of the Jacobian's QR decomposition, and for each grouping the (m, p) gradients of its m groups.
+
+    R'R is the Fisher information. A grouping has (N,) group numbers.
+    """
     numbered = [np.unique(groups, return_inverse=True) for groups in groupings]
-    information, scores = np.zeros(()), [np.zeros(()) for _ in groupings]
+    triangles: list[FloatArray] = []
+    scores = [np.zeros(()) for _ in groupings]
     for piece in pieces:
-        information = information + piece.information
+        with np.errstate(over="ignore", invalid="ignore"):
+            triangles = [np.linalg.qr(np.concatenate((*triangles, piece.matrix)), mode="r")]
         columns = piece.scores.T
         for at, (used, number) in enumerate(numbered):
             sums = [np.bincount(number[piece.rows], weights=column, minlength=len(used)) for column in columns]
             scores[at] = scores[at] + np.column_stack(sums)
-    return information, scores
+    return triangles[0], scores
 
 
 def negative_log_likelihoods(error: FloatArray, variance: FloatArray) -> FloatArray:
@@ -174,6 +179,15 @@ def inverse_information(information: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(information / scale)
     scaled = (vectors / np.maximum(values, _FLAT)) @ vectors.T
     return np.asarray(scaled / scale)
+
+
+def inverse_of_triangle(triangle: FloatArray) -> FloatArray:
+    """As `inverse_information` of R'R, from the (q, p) ``triangle`` R: the product would lose half of the digits."""
+    size = np.linalg.norm(triangle, axis=0)
+    size[size == 0.0] = 1.0
+    _, values, vectors = np.linalg.svd(triangle / size)
+    squares = np.pad(values, (0, len(size) - len(values))) ** 2
+    return np.asarray((vectors.T / np.maximum(squares, _FLAT)) @ vectors / np.outer(size, size))
 
 
 def sandwich_covariance(bread: FloatArray, scores: FloatArray) -> FloatArray:

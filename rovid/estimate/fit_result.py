@@ -12,7 +12,7 @@ from rovid.effects import Effect
 from rovid.estimate.dataset import FitData
 from rovid.estimate.fisher_information import (
     grouped_scores,
-    inverse_information,
+    inverse_of_triangle,
     is_white,
     sandwich_covariance,
     whitening_gain,
@@ -160,13 +160,13 @@ class FitResult:
         parametrization, data = self.objective.parametrization, self.data
         # Coordinates at a bound are included: taking them as certain would make the others look certain.
         groupings = list(map(self.objective.masked, (data.block_index, data.run_index)))
-        information, scores = grouped_scores(self.objective.robust_jacobian(self.x), groupings if sandwich else [])
+        triangle, scores = grouped_scores(self.objective.robust_jacobian(self.x), groupings if sandwich else [])
         shown, size = parametrization.model_jacobian(self.x)
-        if not np.isfinite(information).all():
+        if not math.isfinite(np.linalg.norm(triangle)):
             # A model that diverges within a difference step leaves the covariance unknown.
             return np.diag(np.full(len(size), math.inf))
-        plain = covariance = inverse_information(information)
-        flat = np.diag(information) == 0.0
+        plain = covariance = inverse_of_triangle(triangle)
+        flat = ~triangle.any(axis=0)
         if sandwich:
             covariance = _sandwich_by_runs(plain, *scores)
             # A coordinate without derivatives has no scores, which does not make it certain.

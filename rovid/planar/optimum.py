@@ -25,7 +25,7 @@ from rovid.estimate.fisher_information import (
     Innovations,
     NormalEquations,
     grouped_scores,
-    inverse_information,
+    inverse_of_triangle,
     is_white,
     sandwich_covariance,
 )
@@ -155,12 +155,12 @@ class PlanarOptimum:
         """(p, p) of the coordinates: inverse information, or the sandwich of blocks where innovations are not white."""
         free, pieces = self.likelihood.jacobian(self.x)
         groupings = [] if self.is_white else [self.blocks(), self.likelihood.rows.run]
-        information, scores = grouped_scores(pieces, groupings)
+        triangle, scores = grouped_scores(pieces, groupings)
         full = np.zeros((len(self.x), len(self.x)))
-        if not np.isfinite(information).all():
+        if not math.isfinite(np.linalg.norm(triangle)):
             full[np.ix_(free, free)] = np.diag(np.full(int(free.sum()), math.inf))
             return full
-        plain = covariance = inverse_information(information)
+        plain = covariance = inverse_of_triangle(triangle)
         if scores:
             by_prior: FloatArray | float = 0.0
             if self.likelihood.rows.run[-1] < 0:

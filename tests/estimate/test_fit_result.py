@@ -10,11 +10,13 @@ import pytest
 from scipy import signal
 from scipy.stats import norm
 
+from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fisher_information import (
     OUTLIER,
     inverse_information,
+    inverse_of_triangle,
     is_white,
     negative_log_likelihoods,
     sandwich_covariance,
@@ -123,11 +125,13 @@ SHAPE = np.array([[2.0, 0.5], [0.5, 1.0]])
 
 
 def test_the_inverse_does_not_depend_on_units() -> None:
-    assert inverse_information(UNITS @ SHAPE @ UNITS) == pytest.approx(np.linalg.inv(UNITS @ SHAPE @ UNITS), rel=1e-6)
+    inverse = pytest.approx(np.linalg.inv(UNITS @ SHAPE @ UNITS), rel=1e-6)
+    assert inverse_information(UNITS @ SHAPE @ UNITS) == inverse
+    assert inverse_of_triangle(np.linalg.cholesky(SHAPE).T @ UNITS) == inverse
 
 
-def test_a_flat_direction_gets_a_large_finite_variance() -> None:
-    flat = inverse_information(np.array([[1.0, 1.0], [1.0, 1.0]]))
+@pytest.mark.parametrize("flat", [inverse_information(np.ones((2, 2))), inverse_of_triangle(np.ones((1, 2)))])
+def test_a_flat_direction_gets_a_large_finite_variance(flat: FloatArray) -> None:
     assert np.isfinite(flat).all()
     # The sum of both is known, their difference is not.
     along, across = np.array([1.0, 1.0]), np.array([1.0, -1.0])
