@@ -6,6 +6,7 @@ import contextlib
 import functools
 import gc
 import io
+import itertools
 import json
 import os
 import shutil
@@ -46,6 +47,28 @@ os.environ["COLUMNS"] = "160"
 
 # The thousands of collected tests stay until the end: a garbage collection need not look through them again.
 gc.set_threshold(100_000)
+
+
+# Rooms whose fixtures take seconds: with two workers, each begins with every second one.
+COSTLY = ("whole", "present", "app", "docs", "fleet", "faults", "compare", "preflight")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Order the tests so that no worker takes tests of a costly room from another one, whose fixtures it would repeat.
+
+    Each worker gets an equal number of tests in a row, and one that has done its own takes the last ones of another.
+    """
+    shares: list[list[pytest.Item]] = [[] for _ in range(int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))]
+    rooms: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        rooms.setdefault(item.path.relative_to(ROOT / "tests").parts[0], []).append(item)
+    for place, room in enumerate(COSTLY):
+        shares[place % len(shares)] += rooms.pop(room, [])
+    cheap = itertools.chain.from_iterable(rooms.values())
+    for share in shares:
+        share.extend(itertools.islice(cheap, max(len(items) // len(shares) - len(share), 0)))
+    items[:] = itertools.chain(*shares, cheap)
 
 
 def pytest_collection_finish() -> None:
