@@ -234,7 +234,11 @@ def verified_export(exporter: Exporter, subject: ExportInput | PlanarInput) -> V
         trim = thruster_curves.constant_trim(subject.curves, torque)
         if trim:
             parts = [f"{one.thruster} by {one.text}" for one in trim]
-            notes.append(f"A constant torque of {torque:.3g} N m acts. A trim of {' and '.join(parts)} cancels it.")
+            error = subject.entries["bias_torque.torque"].standard_error
+            doubt = "" if abs(torque) > 2.0 * error else " The logs do not distinguish this torque from zero."
+            notes.append(
+                f"A trim of {' and '.join(parts)} cancels the constant torque of {torque:.3g} ± {error:.2g} N m.{doubt}"
+            )
         if not result.base_losses and kept.largest > _VISIBLE:
             notes.append("The rest of the mismatch is due to the coarse integration step: a smaller step reduces it.")
     surge, sway, yaw = map(float, subject.envelope)

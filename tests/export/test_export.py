@@ -517,9 +517,16 @@ def test_signs_are_those_of_each_simulator(fitted: Path, tmp_path: Path) -> None
     assert value(gz, "model/link/inertial/fluid_added_mass/rr") > 0.0
 
 
-def test_a_constant_torque_is_printed_as_a_trim_that_cancels_it(fitted: Path, tmp_path: Path) -> None:
-    document, _ = exported("json", with_effects(fitted, ("bias_torque",), tmp_path), tmp_path)
+@pytest.mark.parametrize("certain", [True, False])
+def test_a_constant_torque_is_printed_as_a_trim_that_cancels_it(certain: bool, fitted: Path, tmp_path: Path) -> None:
+    parameters = with_effects(fitted, ("bias_torque",), tmp_path)
+    if not certain:
+        stored = tomllib.loads(parameters.read_text())
+        stored["parameters"]["bias_torque.torque"]["standard_error"] = 5.0
+        parameters.write_text(tomli_w.dumps(stored))
+    document, _ = exported("json", parameters, tmp_path)
     (trim,) = (text for text in document["warnings"] if "trim" in text)
+    assert ("do not distinguish this torque from zero" not in trim) == certain
     thrusts = {name: float(size) for name, size in re.findall(r"(\w+) by ([-+][\d.]+) N", trim)}
     assert thrusts.keys() == {thruster.name for thruster in sample_vehicle().thrusters}
     torque = sum(thruster.arm * thrusts[thruster.name] for thruster in sample_vehicle().thrusters)
