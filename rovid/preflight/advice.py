@@ -158,9 +158,9 @@ def _feedback(feedback: Sequence[Feedback], axis: Axis) -> Iterator[Advice]:
 def feedback_text(certain: Sequence[Feedback], axis: Axis) -> str:
     """Sentences on the evidence of significant feedback."""
     chance = max(one.chance for one in certain)
-    rarity = "fewer than one log in a million"
-    if chance >= 1e-6:
-        rarity = f"one log in {10 ** math.floor(-math.log10(chance))}"
+    rarity = (
+        f"one log in {10 ** math.floor(-math.log10(chance))}" if chance >= 1e-6 else "fewer than one log in a million"
+    )
     text = f"There is feedback, by an autopilot or a pilot: {'; '.join(_evidence(certain, axis))}. By chance, {rarity} "
     return f"{text}shows as much."
 
@@ -210,7 +210,13 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         yield Advice(kind="holds", text=text)
     # A run's first cycle, and the last one without a torque after it, are not counted in `SineRun`.
     periods = _count_levels([sine.period for sine in sines if sine.cycles >= _CYCLES - 2])
-    if periods + sum(map(_may_hold_a_sine, log_parts(runs).values())) < _SINES:
+    possible = 0
+    for parts in log_parts(runs).values():
+        # Faults, as lost rows, may have cut a log in many parts, over which the torque goes to and fro.
+        torque = np.concatenate([run.torque for run in parts])
+        reversals = np.count_nonzero(np.diff(np.sign(torque[torque != 0.0])))
+        possible += len(parts) > _MANY_PARTS and bool(reversals >= 2 * _CYCLES)
+    if periods + possible < _SINES:
         longest = "that of its own swing" if axis.self_righting else "ten vehicle time constants long"
         text = (
             f"Run sines of {_SINES} periods or more, about {longest} and shorter, each for {_CYCLES} cycles: you have "
@@ -219,9 +225,8 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         yield Advice(kind="sines", text=text)
     # A self-righting vehicle may be released at the beginning of a run.
     earliest = 0.0 if axis.self_righting else 1.0
-    coasts = [hold for hold in holds if hold.torque == 0.0 and hold.start >= earliest]
     needed = _COAST / runs[0].rates.kernel.cutoff
-    if not any(hold.duration >= needed for hold in coasts):
+    if not any(hold.torque == 0.0 and hold.start >= earliest and hold.duration >= needed for hold in holds):
         text = f"Stop the thrusters under way and wait {significant(needed, 2)} s or more: there is no coast-down."
         if axis.self_righting:
             text = f"Tilt the vehicle, let go of it and wait {significant(needed, 2)} s or more: there is no release."
@@ -230,13 +235,6 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         text = "Run each thruster by itself, both ways: none runs alone for long enough, and an imbalance between them "
         text += "cannot be found."
         yield Advice(kind="one_thruster", text=text)
-
-
-def _may_hold_a_sine(parts: Sequence[Run]) -> bool:
-    """Whether faults, as lost rows, have cut a log in many parts, over which the torque goes to and fro."""
-    torque = np.concatenate([run.torque for run in parts])
-    reversals = np.count_nonzero(np.diff(np.sign(torque[torque != 0.0])))
-    return len(parts) > _MANY_PARTS and bool(reversals >= 2 * _CYCLES)
 
 
 def _count_levels(values: Sequence[float]) -> int:

@@ -129,24 +129,25 @@ def guess_planar(
     signals: dict[str, SignalGuess] = {}
     effects = {}
     neutral = {command.source: command.neutral for command in commands}
+    velocities = {}
     for name in ("surge", "sway"):
         axis = AXES[name]
-        motion = axis_signals(axis, free, free, "").get(axis.rate_signal)
-        if motion is not None:
-            signals[axis.rate_signal] = motion
-    velocities = {
-        name: signals[AXES[name].rate_signal] for name in ("surge", "sway") if AXES[name].rate_signal in signals
-    }
+        if motion := axis_signals(axis, free, free, "").get(axis.rate_signal):
+            signals[axis.rate_signal] = velocities[name] = motion
     for name, motion in velocities.items():
         others = [one for other, one in velocities.items() if other != name]
         turn = (heading, *others) if heading and others else ()
         effects[name] = command_effects(neutral, logs, motion, turn=turn) if neutral else {}
     for guess in (_position, _fix):
         positions = {name: found for name in _MAP if (found := guess(name, free)) is not None}
-        if len(positions) == len(_MAP) and len({one.unit in GEODETIC_UNITS for one in positions.values()}) == 1:
+        if len(positions) == len(_MAP):
             signals |= positions
             break
-    propeller = ("", 0.0) if commands else _propeller(free)
+    propeller = ("", 0.0)
+    for source, column in free.items():
+        if not commands and column.words & _PROPELLER and column.is_long and np.any(column.values):
+            propeller = source, float(np.max(np.abs(column.values)))
+            break
     return PlanarGuess(signals=signals, effects=effects, propeller=propeller)
 
 
@@ -181,13 +182,6 @@ def further_thrusters(
                 )
             )
     return found
-
-
-def _propeller(columns: Columns) -> tuple[str, float]:
-    for source, column in columns.items():
-        if column.words & _PROPELLER and column.is_long and np.any(column.values):
-            return source, float(np.max(np.abs(column.values)))
-    return "", 0.0
 
 
 def _position(name: str, columns: Columns) -> SignalGuess | None:

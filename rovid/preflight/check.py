@@ -87,7 +87,9 @@ def check_trials(
     trials, faults = examine_campaign(every, config)
     vehicle = config.vehicle.clamped() if stopping(faults) else config.vehicle
     rows: list[tuple[Trial, dict[str, Any]]] = []
-    cutoff = _cutoff(every)
+    cutoff = 0.0
+    with suppress(RovidError):  # `advise` reports logs that are too short.
+        cutoff = choose_cutoff(every) if every else 0.0
     for trial in every:
         try:
             rows.append((trial, _facts(trial, config, vehicle, cutoff)))
@@ -100,7 +102,7 @@ def check_trials(
         return checked
     more: tuple[Fault, ...] = ()
     runs: Sequence[Run] = ()
-    with suppress(RovidError):  # `advise` reports logs that are too short.
+    with suppress(RovidError):
         prepared = prepare(Campaign(trials=tuple(trials), sources=()), config.vehicle) if trials else None
         runs = prepared.items if prepared else ()
         levels = [remark for remark in prepared.remarks if remark.kind == "level"] if prepared else []
@@ -131,34 +133,15 @@ def check_trials(
 def _clock_faults(clocks: ClockOffsets, found: Sequence[Fault], config: Config) -> Iterator[Fault]:
     """Certain offsets of joined files, unless the response of the vehicle has shown them already."""
     for clock in clocks.offsets:
-        fault = Fault(
-            fault="clocks_apart",
-            logs=(clock.name,),
-            text=clock.text,
-            size=clock.offset,
-            standard_error=clock.error,
-            unit="s",
-            stops=True,
-        )
-        is_found = any(each.fault == fault.fault and each.stops for each in found)
-        if clock.certain and not is_found:
-            yield resolve(fault, config.faults)
-
-
-def _cutoff(trials: Sequence[Trial]) -> float:
-    """Cut-off of the rates in Hz; 0 where the logs are too short for one."""
-    try:
-        return choose_cutoff(trials) if trials else 0.0
-    except RovidError:  # `advise` reports it.
-        return 0.0
+        if clock.certain and not any(each.fault == "clocks_apart" and each.stops for each in found):
+            fault = Fault(fault="clocks_apart", logs=(clock.name,), text=clock.text, size=clock.offset, unit="s")
+            yield resolve(replace(fault, standard_error=clock.error, stops=True), config.faults)
 
 
 def _facts(trial: Trial, config: Config, vehicle: Vehicle, cutoff: float) -> dict[str, Any]:
     torque = vehicle.torque(trial)
     position = trial.position[trial.measured]
-    measured = position
-    if trial.rate_only and trial.rate is not None:
-        measured = trial.rate[trial.measured]
+    measured = trial.rate[trial.measured] if trial.rate_only and trial.rate is not None else position
     return {
         "duration": trial.duration,
         "samples": int(trial.measured.sum()),

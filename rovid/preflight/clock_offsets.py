@@ -94,8 +94,13 @@ def estimate_clock_offsets(trials: Sequence[Trial], config: Config) -> ClockOffs
     offsets = pooled_offsets(aligned, starts, config.join)
     for clock in pooled_offsets(responses, starts, config.join, scatter):
         offsets.append(replace(clock, error=math.hypot(clock.error, interval)))
-    if any(clock.certain and not clock.by for clock in offsets) and not _are_early(joined, config.vehicle):
-        offsets = [clock for clock in offsets if clock.by or not clock.certain]
+    if any(clock.certain and not clock.by for clock in offsets):
+        # A vehicle that drifts at rest, or in a tank whose water swings back and forth, only seems to respond early: a
+        # memory of the water and a torque of the heading explain it.
+        runs = prepare(Campaign(trials=tuple(joined), sources=()), config.vehicle.with_logged_torque(joined)).items
+        found = response_delay(runs, memories=OCTAVES)
+        if found is None or found.delay >= -SIGNIFICANT * found.error:
+            offsets = [clock for clock in offsets if clock.by or not clock.certain]
     return ClockOffsets(offsets=tuple(replace(clock, given=_given(clock.name, config)) for clock in offsets), lag=lag)
 
 
@@ -151,21 +156,14 @@ def pooled_offsets(
             pooled += own
         elif (line := _fit_line(own, np.zeros(len(own)), scatter)) is not None:
             pooled.append(replace(own[0], name=part, offset=line[0][0], error=line[1][0]))
-        elif (
-            len(known) == len(own) > 2
-            and _follow_each_other(times)
-            and (line := _fit_line(own, known - known.mean(), scatter)) is not None
-        ):
-            pooled += _on_line(own, known - known.mean(), line)
         else:
-            pooled += own
+            # By one clock, no log begins before the middle of another.
+            logs = sorted((begin, half) for begin, half in times if begin is not None)
+            in_turn = all(after >= begin + half for (begin, half), (after, _) in itertools.pairwise(logs))
+            if len(known) == len(own) > 2 and in_turn:
+                line = _fit_line(own, known - known.mean(), scatter)
+            pooled += own if line is None else _on_line(own, known - known.mean(), line)
     return pooled
-
-
-def _follow_each_other(times: Sequence[tuple[float | None, float]]) -> bool:
-    """Whether no log, given by begin and half a length in s, begins before the middle of another: as one clock does."""
-    logs = sorted((begin, half) for begin, half in times if begin is not None)
-    return all(after >= begin + half for (begin, half), (after, _) in itertools.pairwise(logs))
 
 
 def _fit_line(
@@ -227,22 +225,11 @@ def _response_delays(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[dict[st
     values = dict(zip(fitted.model.names, fitted.model.values.tolist(), strict=True))
     errors = dict(zip(fitted.model.names, _errors(fitted).tolist(), strict=True))
     sizes = [f"{fitted.effects[0].key}.{parameter.name}" for parameter in fitted.effects[0].parameters]
-    delays = {
-        name: (shifts[name] + values[size], errors[size])
-        for name, size in zip(names, sizes, strict=True)
-        if math.isfinite(errors[size])
-    }
+    delays = {}
+    for name, size in zip(names, sizes, strict=True):
+        if math.isfinite(errors[size]):
+            delays[name] = shifts[name] + values[size], errors[size]
     return delays, values.get(f"{_LAG}.time_constant", 0.0)
-
-
-def _are_early(trials: Sequence[Trial], vehicle: Vehicle) -> bool:
-    """Whether all logs together respond early by a model that has a memory of the water and a torque of the heading.
-
-    A vehicle that drifts at rest, or in a tank whose water swings back and forth, only seems to.
-    """
-    runs = prepare(Campaign(trials=tuple(trials), sources=()), vehicle.with_logged_torque(trials)).items
-    found = response_delay(runs, memories=OCTAVES)
-    return found is not None and found.delay < -SIGNIFICANT * found.error
 
 
 def _fit_delays(runs: Sequence[Run], vehicle: Vehicle, names: Sequence[str]) -> FitResult | None:
@@ -304,14 +291,10 @@ def _clock_effect(names: Sequence[str] = ()) -> Effect:
             out[trial.rows] = mean_shifted(where.time[trial.rows], torque[trial.rows], own)
         return out
 
-    return replace(
-        effect_named("command_delay"),
-        id="clock",
-        form=form_name(names) if names else "",
-        parameters=sizes,
-        size_count=len(sizes),
-        acts=OnTorque(delayed, settling_time=lambda *_: math.inf),
-    )
+    acts = OnTorque(delayed, settling_time=lambda *_: math.inf)
+    form = form_name(names) if names else ""
+    effect = effect_named("command_delay")
+    return replace(effect, id="clock", form=form, parameters=sizes, size_count=len(sizes), acts=acts)
 
 
 def _parent(trial: Trial) -> str:

@@ -90,19 +90,18 @@ def detect_feedback(trials: Sequence[Trial], vehicle: Vehicle) -> list[Feedback]
             for result in (flow, steps, _test_reversals(trial, effort)):
                 if result is not None:
                     results.setdefault(result.seen_in, []).append(result)
-    found = [result for same in results.values() for result in _combined(same) if result.chance < SIGNIFICANCE_LEVEL]
+    found = []
+    for same in results.values():
+        # The combined p value (Fisher) counts where a log agrees with it.
+        logarithms = [math.log(max(result.chance, 1e-300)) for result in same]
+        together = chi2_sf(2 * len(same), -2.0 * sum(logarithms))
+        for result in same:
+            chance = min(result.chance, together) if result.chance < _LOG_LEVEL else result.chance
+            if chance < SIGNIFICANCE_LEVEL:
+                found.append(replace(result, chance=chance))
     found += [result for result in results.get("reversals", []) if result.chance < 1.0]
     first = {result.name: result for result in reversed(found)}
     return [first[trial.name] for trial in trials if trial.name in first]
-
-
-def _combined(results: Sequence[Feedback]) -> list[Feedback]:
-    """Results of one test, with the combined p value (Fisher) where a log agrees with it."""
-    logarithms = [math.log(max(result.chance, 1e-300)) for result in results]
-    together = chi2_sf(2 * len(results), -2.0 * sum(logarithms))
-    alone = [result.chance for result in results]
-    chances = np.where(np.less(alone, _LOG_LEVEL), np.minimum(alone, together), alone).tolist()
-    return [replace(result, chance=chance) for result, chance in zip(results, chances, strict=True)]
 
 
 # ---- commands that change continuously

@@ -83,7 +83,8 @@ def read_logs(
         logs = read.logs.setdefault(kind, [])
         if len(logs) >= _MAX_LOGS or is_thrust_curve(path):
             continue
-        if pair := _unnamed_curve(path):
+        pair = column_names(path) if path.suffix.lower() == ".csv" else ()
+        if len(pair) == 2 and name_words(pair[1]) & _THRUST and not name_words(pair[0]) & CLOCK_WORDS:
             wanted = " and ".join(CURVE_COLUMNS)
             text = f"has the columns {' and '.join(pair)}, as a thrust curve has. Name them {wanted} to use it."
             read.problems.append(f"{path}: {text}")
@@ -148,13 +149,6 @@ def is_thrust_curve(path: Path) -> bool:
         return set(CURVE_COLUMNS) <= set(read_layout(path, CURVE_COLUMNS).names)
     except (OSError, RovidError):
         return False  # reading the log reports the error
-
-
-def _unnamed_curve(path: Path) -> tuple[str, ...]:
-    """Names of the two columns of a CSV whose second one is a thrust by its name; empty for other files."""
-    names = column_names(path) if path.suffix.lower() == ".csv" else ()
-    is_curve = len(names) == 2 and bool(name_words(names[1]) & _THRUST) and not name_words(names[0]) & CLOCK_WORDS
-    return names if is_curve else ()
 
 
 def _interval(columns: Mapping[str, RawColumn]) -> float:
@@ -272,16 +266,11 @@ def _joins(names: Sequence[str], logs: Sequence[Log]) -> Iterator[tuple[Join, li
         )
         for fewest in (len(names) + 1, 2, 1):
             shared = {source for source, count in held.items() if count >= fewest}
-            yield join, [_qualified(log, part, shared) for part, log in zip(owner, logs, strict=True)]
-
-
-def _qualified(log: Log, part: str, sources: Collection[str]) -> Log:
-    """Columns of a file of ``part``, with the part in front of those ``sources``."""
-    columns = {}
-    for source, column in log.items():
-        name = f"{part}{QUALIFIER}{source}" if part and source in sources else source
-        columns[name] = replace(column, source=name)
-    return columns
+            qualified: list[Log] = []
+            for part, log in zip(owner, logs, strict=True):
+                names_of = {one: f"{part}{QUALIFIER}{one}" if part and one in shared else one for one in log}
+                qualified.append({names_of[one]: replace(column, source=names_of[one]) for one, column in log.items()})
+            yield join, qualified
 
 
 def _trials(join: Join, names: Sequence[str], logs: Sequence[Log], mapping: ColumnMapping) -> dict[str, Log]:

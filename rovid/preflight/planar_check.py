@@ -104,7 +104,15 @@ def check_planar_trials(
     smooth = _smoothed(data)
     axes = tuple(_axes(data, smooth))
     wrong = list(wrong_entries(data))
-    advice = [*_guesses(config), *wrong, *([] if wrong else _disagreements(lags)), *_unmeasured(axes)]
+    advice: list[Advice] = []
+    if assumptions := config.vehicle.assumptions:
+        text = f"Measure {assumptions.listing}, and put it into rovid.toml, where there is a guess."
+        advice.append(Advice(kind="guessed", text=text))
+    advice += wrong or _disagreements(lags)
+    if names := [one.axis for one in axes if not one.measured]:
+        signals = " and ".join(f"{name}_velocity" for name in names)
+        text = f"Log {signals} (a DVL), or north and east: without them {' and '.join(names)} cannot be determined."
+        advice.append(Advice(kind="unmeasured", text=text))
     advice += _missing_runs(data, smooth)
     order = ("grave", "care", "aside")
     return PlanarCheck(
@@ -163,13 +171,6 @@ def _axes(data: PlanarData, smooth: Sequence[SmoothRun]) -> Iterator[AxisCheck]:
         )
 
 
-def _guesses(config: Config) -> Iterator[Advice]:
-    assumptions = config.vehicle.assumptions
-    if assumptions:
-        text = f"Measure {assumptions.listing}, and put it into rovid.toml, where there is a guess."
-        yield Advice(kind="guessed", text=text)
-
-
 def _disagreements(lags: Sequence[SensorLag]) -> Iterator[Advice]:
     """Latencies that show, and sensors that differ in sign or unit."""
     for one in lags:
@@ -187,20 +188,10 @@ def _disagreements(lags: Sequence[SensorLag]) -> Iterator[Advice]:
             yield Advice(kind="latency", text=text.replace("_", " "), weight="aside")
 
 
-def _unmeasured(axes: Sequence[AxisCheck]) -> Iterator[Advice]:
-    names = [one.axis for one in axes if not one.measured]
-    if names:
-        signals = " and ".join(f"{name}_velocity" for name in names)
-        text = f"Log {signals} (a DVL), or north and east: without them {' and '.join(names)} cannot be determined."
-        yield Advice(kind="unmeasured", text=text)
-
-
 def _missing_runs(data: PlanarData, smooth: Sequence[SmoothRun]) -> Iterator[Advice]:
     """Terms of the equation that the logs do not tell apart, each group with the run that would."""
-    points = sum(len(run.time) for run in smooth)
-    if points < _FEWEST_POINTS:
-        text = "Record longer runs: these are too short for their motions to be compared."
-        yield Advice(kind="short", text=text)
+    if sum(len(run.time) for run in smooth) < _FEWEST_POINTS:
+        yield Advice(kind="short", text="Record longer runs: these are too short for their motions to be compared.")
         return
     speeds = np.concatenate([run.speeds for run in smooth])
     accelerations = np.concatenate([run.accelerations for run in smooth])
@@ -208,25 +199,22 @@ def _missing_runs(data: PlanarData, smooth: Sequence[SmoothRun]) -> Iterator[Adv
     for at, axis in enumerate(AXES):
         if not measured[at]:
             continue
-        rate, change = speeds[:, at], accelerations[:, at]
-        terms = {"inertia": change, "linear_drag": rate, "quadratic_drag": np.abs(rate) * rate}
-        weak = _confused(terms)
-        if weak:
+        rate = speeds[:, at]
+        terms = {"inertia": accelerations[:, at], "linear_drag": rate, "quadratic_drag": np.abs(rate) * rate}
+        if weak := _confused(terms):
             *others, last = [f"{axis}.{name}" for name in weak]
             listed = f"{', '.join(others)} and {last}" if others else last
             text = f"{_RUNS[axis, 'inertia' in weak]} These logs do not determine {listed} one by one."
             yield Advice(kind="missing_run", text=text)
-    if measured[0] and measured[1]:
-        yield from _coupling_advice(data, speeds, np.concatenate([run.heading for run in smooth]))
-
-
-def _coupling_advice(data: PlanarData, speeds: FloatArray, heading: FloatArray) -> Iterator[Advice]:
+    if not (measured[0] and measured[1]):
+        return
     if _confused({"sway": speeds[:, 1], "yaw": speeds[:, 2]}):
         has_side_thrust = bool(np.any(data.actuators.matrix[1]))
         run = "Move sideways without turning, and turn on the spot." if has_side_thrust else _TURNS
         text = f"{run} In these logs the sway velocity follows the yaw rate, and damping of sway by yaw shows in both."
         yield Advice(kind="missing_run", text=text)
     moving = np.hypot(speeds[:, 0], speeds[:, 1]) > 0.3 * np.sqrt(np.mean(speeds[:, 0] ** 2 + speeds[:, 1] ** 2))
+    heading = np.concatenate([run.heading for run in smooth])
     if moving.any() and _spread(heading[moving]) < _HEADING_SPREAD:
         text = "Run the same leg in opposite directions: with one heading a current cannot be told from a steady force."
         yield Advice(kind="missing_run", text=text)

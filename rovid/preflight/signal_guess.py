@@ -128,22 +128,14 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
         commands = ()
     if not commands and not rudders and hints.axis is YAW and (torque := _torque(free, logs, position)) is not None:
         signals["torque"] = torque
-    missing = []
-    if position is None:
-        missing.append(hints.axis.position_signal)
+    missing = [] if position else [hints.axis.position_signal]
     if not (commands or rudders or "torque" in signals or hints.axis.self_righting):
         missing.append("command")
     remarks = [speed_question(free)] if "command" in missing and hints.axis is YAW else []
     if angles := ", ".join(azimuth_angles(free)):
         remarks.append(_AZIMUTH.format(angles))
-    mapping = ColumnMapping(
-        signals=signals,
-        commands=commands,
-        rudders=rudders,
-        missing=tuple(missing),
-        remarks=tuple(filter(None, remarks)),
-    )
-    return mapping.of(columns)
+    mapping = ColumnMapping(signals=signals, commands=commands, rudders=rudders, missing=tuple(missing))
+    return replace(mapping, remarks=tuple(filter(None, remarks))).of(columns)
 
 
 def _drives(
@@ -172,17 +164,14 @@ def _drives(
 
 def _supply(shared: Columns, taken: set[str]) -> str | None:
     """Source of the supply voltage by name and values; one with a word of voltage before the others."""
-    best, best_rank = None, 0
+    found = []
     low, high = _SUPPLY_RANGE
     for source, column in shared.items():
         if source in taken or not column.words & SUPPLY or column.words & _NOT_VOLTAGE:
             continue
-        if not column.changes or not low <= np.median(column.values) <= high:
-            continue
-        rank = 1 + bool(column.words & VOLTAGE)
-        if rank > best_rank:
-            best, best_rank = source, rank
-    return best
+        if column.changes and low <= np.median(column.values) <= high:
+            found.append(source)
+    return max(found, key=lambda source: bool(shared[source].words & VOLTAGE), default=None)
 
 
 def _torque(
@@ -224,7 +213,10 @@ def _yaw_signals(
 
 def _heading(columns: Columns) -> SignalGuess | None:
     """Heading by name, by an orientation, or by jumps of a whole turn."""
-    measured = [source for source in columns if _may_be_heading(source)]
+    measured = []
+    for source, column in columns.items():
+        if not (is_per_second(source) or is_error_or_order(source) or _PRESSURE.search(source)):
+            measured += [source] if may_be_heading(column.words) else []
     named = [source for source in measured if name_words(source) & HEADING_WORDS or _is_planar(source, columns)]
     oriented = [source for source, column in columns.items() if column.logged[0].radians]
     best, best_rank = None, (False, False, 0)
@@ -252,12 +244,6 @@ def _heading(columns: Columns) -> SignalGuess | None:
     return best
 
 
-def _may_be_heading(source: str) -> bool:
-    if is_per_second(source) or is_error_or_order(source) or _PRESSURE.search(source):
-        return False
-    return may_be_heading(name_words(source))
-
-
 def _is_planar(source: str, columns: Columns) -> bool:
     """Whether a column is the angle of a planar pose x, y, theta, as of a Pose2D."""
     stem = source.removesuffix("theta")
@@ -270,9 +256,8 @@ def turn_of_heading(column: RawColumn) -> float | None:
         return FULL_TURN["rad"]
     # A logger of thrusters may put its own name in front of every column.
     words = name_words(column.source) - COMMAND
-    if not words & HEADING_WORDS or not may_be_heading(words) or is_per_second(column.source):
-        return None
-    if is_error_or_order(column.source):
+    other = is_per_second(column.source) or is_error_or_order(column.source)
+    if other or not words & HEADING_WORDS or not may_be_heading(words):
         return None
     unit, _ = _angle_unit(SourceColumn(column.source, [column]))
     return FULL_TURN.get(unit)
@@ -346,8 +331,18 @@ def _yaw_rate(columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading
     for source in columns:
         if source == heading.source or not is_yaw_rate(source):
             continue
-        pairs = [_paired_rates(log, heading, source) for log in logs if heading.source in log and source in log]
-        own, logged = np.concatenate([np.empty((2, 0)), *pairs], axis=1)
+        # (2, n) mean rates of the heading, and the values in the middles of their windows.
+        pairs = [np.empty((2, 0))]
+        for log in logs:
+            if heading.source not in log or source not in log:
+                continue
+            time, rate = mean_rates(heading, log[heading.source])
+            gyro = log[source]
+            known = np.isfinite(gyro.values)
+            if known.any() and rate.size:
+                middles = 0.5 * (time[1:] + time[:-1])
+                pairs.append(np.array([rate, np.interp(middles, gyro.time[known], gyro.values[known])]))
+        own, logged = np.concatenate(pairs, axis=1)
         if len(own) < MIN_SAMPLES or not np.std(own) > 0.0 or not np.std(logged) > 0.0:
             continue
         correlation = float(np.corrcoef(own, logged)[0, 1])
@@ -361,13 +356,3 @@ def _yaw_rate(columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading
         reason = "by name; it follows the negative rate of the heading: sign changed here"
         return SignalGuess(source=source, unit=unit, sign=-1, reason=reason)
     return None
-
-
-def _paired_rates(log: Mapping[str, RawColumn], heading: SignalGuess, source: str) -> FloatArray:
-    """(2, n) mean rates of the heading, and the values of ``source`` in the middles of their windows."""
-    time, rate = mean_rates(heading, log[heading.source])
-    gyro = log[source]
-    known = np.isfinite(gyro.values)
-    if not known.any() or not rate.size:
-        return np.empty((2, 0))
-    return np.array([rate, np.interp(0.5 * (time[1:] + time[:-1]), gyro.time[known], gyro.values[known])])
