@@ -1,4 +1,6 @@
-"""Detections of faults, their remedies, and the data that detectors examine at each stage of reading.
+"""The catalogue of log faults: detections, remedies, and the data that detectors examine at each stage of reading.
+
+Each fault has a file, named by its id in `rovid.trial.fault`, with a table ``DETECTORS``.
 
 The stages, in order: ``clock`` (the readings of one clock, as logged), ``clocks`` (the stamps of a log's several
 clocks), ``signal`` (one measured signal), ``command`` (one command), ``trial`` (one log on one time base), ``campaign``
@@ -10,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
+from importlib import import_module
 from typing import Any, Generic, Literal, Self, TypeVar
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.trial.fault import Excerpt, Fault, FaultOverrides
+from rovid.trial.fault import FAULT_IDS, Excerpt, Fault, FaultOverrides
 from rovid.trial.preprocessing import Run
 from rovid.trial.segments import subsampled_median
 from rovid.trial.trial import Trial
@@ -133,6 +136,10 @@ class TrialData:
     #: (s, rad) of each reset of the heading that the log itself states.
     resets: tuple[tuple[float, float], ...] = ()
 
+    def cut_at(self, *instants: float) -> Self:
+        """The log, to be cut at further ``instants`` in s."""
+        return replace(self, trial=replace(self.trial, cuts=tuple(sorted({*self.trial.cuts, *instants}))))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CampaignData:
@@ -164,6 +171,21 @@ class Detection(Generic[T]):
 Detector = Callable[[Any], Iterable[Detection[Any]]]
 # Detectors of one kind of fault by stage, in the order in which they look.
 Detectors = Mapping[Stage, tuple[Detector, ...]]
+
+
+@cache
+def detectors_at(stage: Stage) -> tuple[Detector, ...]:
+    """Detectors of all faults that are looked for at ``stage``."""
+    modules = [import_module(f"rovid.faults.{name}") for name in FAULT_IDS]
+    return tuple(detect for module in modules for detect in module.DETECTORS.get(stage, ()))
+
+
+def examine_runs(
+    runs: Sequence[Run], vehicle: Vehicle, overrides: FaultOverrides
+) -> tuple[tuple[Run, ...], tuple[Fault, ...]]:
+    """The runs that stay after the remedies, and the faults that torque and rates show."""
+    data, faults = examine(detectors_at("runs"), RunsData(runs=runs, vehicle=vehicle), overrides)
+    return tuple(data.runs), faults
 
 
 def examine(detectors: Iterable[Detector], data: T, overrides: FaultOverrides) -> tuple[T, tuple[Fault, ...]]:

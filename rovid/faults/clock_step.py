@@ -51,10 +51,13 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
     subject = "the clock" if own else f"the clock of {data.clock}"
     named = [("the clock", step) for step in steps] + [(subject, step) for step in _steps(rest)]
     for subject, step in named:
+        days = abs(step.size) / 86400.0
+        amount = f"{days:.1f} days" if days >= 1.0 else f"{abs(step.size):.2f} s"
+        side = "ahead" if step.size > 0.0 else "back"
         fault = Fault(
             fault="clock_step",
             logs=(data.log,),
-            text=f"{data.log}: {subject} was set {_amount(step.size)} at {step.at:.1f} s.",
+            text=f"{data.log}: {subject} was set {side} by {amount} at {step.at:.1f} s.",
             at=(step.at,),
             size=step.size,
             standard_error=step.error,
@@ -64,11 +67,6 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
         )
         done = "The step was taken out, and the log was cut there."
         yield Detection(fault=fault, done=done, repair=partial(_without, step=step))
-
-
-def _amount(size: float) -> str:
-    days = abs(size) / 86400.0
-    return f"{'ahead' if size > 0.0 else 'back'} by " + (f"{days:.1f} days" if days >= 1.0 else f"{abs(size):.2f} s")
 
 
 def _steps(data: ClockData) -> list[ClockStep]:

@@ -240,7 +240,11 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         if common is None or _is_early(response_delay(runs, common.values, memories=_MEMORIES), runs):
             yield Detection(fault=_early_motion((name,), own))
     if joined and _is_offset(found.delay, found, data.runs):
-        yield Detection(fault=_late_motion(tuple(parts), found))
+        text = (
+            f"{named(tuple(parts))}: the vehicle moves {plus_minus(found.delay, found.error)} s after the commands of "
+            "another file: a lag or delay of the thrusters, or a clock that is behind. The logs do not show which."
+        )
+        yield Detection(fault=replace(_fault(tuple(parts), found, text), confidence=_RIVAL))
 
 
 def _drift(runs: Sequence[Run]) -> Fault | None:
@@ -268,14 +272,6 @@ def _early_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
         "commands and motion on one clock, or shift one of them."
     )
     return replace(_fault(logs, found, text), stops=True)
-
-
-def _late_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
-    text = (
-        f"{named(logs)}: the vehicle moves {plus_minus(found.delay, found.error)} s after the commands of another "
-        "file: a lag or delay of the thrusters, or a clock that is behind. The logs do not show which."
-    )
-    return replace(_fault(logs, found, text), confidence=_RIVAL)
 
 
 def _detect_sensor(data: RunsData) -> Iterator[Detection[RunsData]]:
@@ -325,25 +321,24 @@ def _is_early(found: ResponseDelay | None, runs: Sequence[Run]) -> bool:
 
 
 def _is_offset(offset: float, found: ResponseDelay, runs: Sequence[Run]) -> bool:
-    return offset > max(_shortest(runs), _SIGNIFICANT * found.error) and found.improvement > _EXPLAINED
+    """Whether an ``offset`` in s is significant, and longer than a share of a period of the cut-off and than intervals.
+
+    The intervals are those of the motion; in joined logs also one of the commands, by which a change may be earlier.
+    """
+    if not (offset > _SIGNIFICANT * found.error and found.improvement > _EXPLAINED):
+        return False
+    interval = float(max(run.trial.sampling_interval for run in runs))
+    shortest = max(_least_offset(runs), _INTERVALS * interval)
+    if all(run.trial.companion_files for run in runs):
+        changes = [run.trial.time[1:][(np.diff(run.trial.commands, axis=0) != 0.0).any(axis=1)] for run in runs]
+        steps = [float(np.percentile(np.diff(change), 5.0)) for change in changes if len(change) > 2]
+        shortest = max(shortest, interval + min(steps, default=interval))
+    return offset > shortest
 
 
 def _least_offset(runs: Sequence[Run]) -> float:
     """Smallest offset in s that changes a fit."""
     return _MIN_OFFSET / runs[0].rates.kernel.cutoff
-
-
-def _shortest(runs: Sequence[Run]) -> float:
-    """Smallest offset in s: a share of a period of the cut-off, and intervals of the motion.
-
-    In joined logs also an interval of the commands, by which a change may be earlier.
-    """
-    interval, least = float(max(run.trial.sampling_interval for run in runs)), _least_offset(runs)
-    if not all(run.trial.companion_files for run in runs):
-        return max(least, _INTERVALS * interval)
-    changes = [run.trial.time[1:][(np.diff(run.trial.commands, axis=0) != 0.0).any(axis=1)] for run in runs]
-    steps = [float(np.percentile(np.diff(change), 5.0)) for change in changes if len(change) > 2]
-    return max(least, _INTERVALS * interval, interval + min(steps, default=interval))
 
 
 DETECTORS: Detectors = {"runs": (_detect, _detect_sensor)}

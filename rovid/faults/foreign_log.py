@@ -16,9 +16,8 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
-from rovid.faults.command_roles import Misfit, misassigned
-from rovid.faults.common_drive import common_drive, least_unexplained, unexplained
-from rovid.faults.common_torque import replaces_groups, with_common_torque
+from rovid.faults.command_roles import misassigned
+from rovid.faults.common_causes import common_drive, least_unexplained, replaces_groups, unexplained, with_common_torque
 from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name, solved
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
@@ -101,12 +100,16 @@ class _Groups:
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
-    misfits = list[Misfit]()
     # A hull that moves ahead turns by itself (Munk moment), which in yaw alone is a thruster that does not push.
     while not data.vehicle.planar and (misfit := misassigned(data.runs, data.vehicle)):
-        misfits.append(misfit)
+        so = "" if misfit.after is None else f", and {100.0 * misfit.after:.0f} % with that"
+        text = (
+            f"{misfit.log} does not belong to the other logs: {misfit.what}. Their model leaves "
+            f"{100.0 * misfit.before:.0f} % of the variance of its torque unexplained{so}."
+        )
+        fault = Fault(fault="foreign_log", logs=(misfit.log,), at=misfit.at, text=text, remedy="set_aside")
+        yield Detection(fault=fault, done="The log was set aside.", repair=partial(without, log=misfit.log))
         data = without(data, misfit.log)
-    yield from map(_misassigned, misfits)
     model, found = fit_quick_model(data.runs, data.vehicle), list[Detection[RunsData]]()
     # A majority is one of the logs that say something on the model. A wrong sign shows without a majority.
     opposite = set() if model is None else {log.name for log in model.regressors if log.is_opposite}
@@ -145,7 +148,13 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     if model is not None and groups:
         best = max(groups, key=lambda each: each.ratio)
         if not replaces_groups(rest.runs, data.vehicle, model, (best.high, best.low), significant_groups):
-            yield _two_payloads(best)
+            text = (
+                f"The logs are of two kinds, as with two payloads or two vehicles: the {best.quantity} of "
+                f"{named(best.high)} is {plus_minus(1.0 + best.step, best.error)} times that of {named(best.low)}."
+            )
+            fault = Fault(fault="foreign_log", logs=best.smaller, text=text, size=1.0 + best.step, confidence=0.97)
+            fault = replace(fault, standard_error=best.error)
+            yield Detection(fault=fault, done="No log was set aside: fit each kind by itself.")
 
 
 def _is_foreign(log: LogMoments, count: int) -> bool:
@@ -258,16 +267,6 @@ def _doubtful(detection: Detection[RunsData], done: str) -> Detection[RunsData]:
     return Detection(fault=replace(detection.fault, remedy="none", confidence=_EVEN, may_be_explained=False), done=done)
 
 
-def _misassigned(misfit: Misfit) -> Detection[RunsData]:
-    so = "" if misfit.after is None else f", and {100.0 * misfit.after:.0f} % with that"
-    text = (
-        f"{misfit.log} does not belong to the other logs: {misfit.what}. Their model leaves "
-        f"{100.0 * misfit.before:.0f} % of the variance of its torque unexplained{so}."
-    )
-    fault = Fault(fault="foreign_log", logs=(misfit.log,), at=misfit.at, text=text, remedy="set_aside")
-    return Detection(fault=fault, done="The log was set aside.", repair=partial(without, log=misfit.log))
-
-
 def without(data: RunsData, log: str) -> RunsData:
     """``data`` without the runs of a log."""
     return replace(data, runs=[run for run in data.runs if log_name(run) != log])
@@ -283,25 +282,13 @@ def minority_payload(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:
     return best.smaller
 
 
-def _two_payloads(groups: _Groups) -> Detection[RunsData]:
-    text = (
-        f"The logs are of two kinds, as with two payloads or two vehicles: the {groups.quantity} of "
-        f"{named(groups.high)} is {plus_minus(1.0 + groups.step, groups.error)} times that of {named(groups.low)}."
-    )
-    fault = Fault(
-        fault="foreign_log",
-        logs=groups.smaller,
-        text=text,
-        size=1.0 + groups.step,
-        standard_error=groups.error,
-        confidence=0.97,
-    )
-    return Detection(fault=fault, done="No log was set aside: fit each kind by itself.")
-
-
 def significant_groups(model: QuickModel) -> list[_Groups]:
     """The best split in two groups by each quantity, if it is significant."""
-    own, weights = _own_estimates(model.logs)
+    # (3,) difference of each log's own parameters from the common model, and its (3, 3) information.
+    slopes = [np.linalg.pinv(log.slope, rcond=1e-10) for log in model.logs]
+    pairs = list(zip(slopes, model.logs, strict=True))
+    weights = [np.linalg.pinv(slope @ log.noise @ slope.T, rcond=1e-10, hermitian=True) for slope, log in pairs]
+    own = [slope @ log.score for slope, log in pairs]
     found = [_settled_groups(model, own, weights, quantity) for quantity in _SCALED]
     return [each for each in found if each and each.is_significant]
 
@@ -324,14 +311,6 @@ def _settled_groups(
             break
         larger = set(found.larger)
     return found
-
-
-def _own_estimates(logs: Sequence[LogMoments]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """(3,) difference of each log's own parameters from the common model, and its (3, 3) information."""
-    slopes = [np.linalg.pinv(log.slope, rcond=1e-10) for log in logs]
-    pairs = list(zip(slopes, logs, strict=True))
-    weights = [np.linalg.pinv(slope @ log.noise @ slope.T, rcond=1e-10, hermitian=True) for slope, log in pairs]
-    return [slope @ log.score for slope, log in pairs], weights
 
 
 def _groups(

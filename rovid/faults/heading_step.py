@@ -6,7 +6,7 @@ does so at other places of the log, too: a jump is several times larger than all
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
 
@@ -117,13 +117,11 @@ def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
     if len(sizes) >= _REPEATED and np.ptp(sizes) < _SAME_SIZE * np.median(sizes):
         return  # The heading wraps at another period than a turn: it is clipped, or of another scale.
     for index, size, error in sized:
-        yield _detection(
-            trial.name, float(steps.time[index + 1]), size, error, f"the {trial.axis.position_words} jumps and stays"
-        )
+        what = f"the {trial.axis.position_words} jumps and stays"
+        yield _detection(trial.name, float(steps.time[index + 1]), size, error, what)
 
 
 def _detection(log: str, at: float, size: float, error: float | None, what: str) -> Detection[TrialData]:
-    degrees = np.rad2deg(size)
     fault = Fault(
         fault="heading_step",
         logs=(log,),
@@ -131,14 +129,10 @@ def _detection(log: str, at: float, size: float, error: float | None, what: str)
         size=size,
         standard_error=error,
         unit="rad",
-        text=f"{log}: {what} at {at:.2f} s, by {degrees:+.1f} deg.",
+        text=f"{log}: {what} at {at:.2f} s, by {np.rad2deg(size):+.1f} deg.",
         remedy="cut",
     )
-    return Detection(
-        fault=fault,
-        done="The log was cut there.",
-        repair=lambda data: replace(data, trial=replace(data.trial, cuts=tuple(sorted({*data.trial.cuts, at})))),
-    )
+    return Detection(fault=fault, done="The log was cut there.", repair=lambda data: data.cut_at(at))
 
 
 def jumps(steps: Steps, least: float) -> IntArray:
@@ -181,16 +175,13 @@ def _returns(steps: Steps, at: int) -> bool:
 
 def _are_commanded(steps: Steps, staying: IntArray) -> BoolArray:
     """(m,) whether a change of the commands may explain each of the (m,) ``staying`` steps."""
-    changes = np.flatnonzero(steps.changes)
-    reach = _COMMAND_STEPS
-    after = staying[:, None] - changes
-    near = (after >= -1) & (after <= reach)
+    after = staying[:, None] - np.flatnonzero(steps.changes)
+    near = (after >= -1) & (after <= _COMMAND_STEPS)
     others = np.count_nonzero(~near.any(axis=0))
     sizes = np.abs(np.diff(steps.angle))
     usual = float(np.max(np.delete(sizes, staying), initial=0.0))
     # After one change the rate goes to its new value: only a pulse, of two changes, moves it away and back.
-    commanded = (near.sum(axis=1) > 1) & ((others < _MIN_CHANGES) | (sizes[staying] < _FASTER * usual))
-    return np.asarray(commanded)
+    return np.asarray((near.sum(axis=1) > 1) & ((others < _MIN_CHANGES) | (sizes[staying] < _FASTER * usual)))
 
 
 def jump_size(steps: Steps, at: int, noise: float) -> tuple[float, float]:

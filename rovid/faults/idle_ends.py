@@ -27,8 +27,12 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         name = log_name(run)
         offset = run.trial.campaign_time - starts[name]
         ends = [one for one in motion.stretches(run) if (one.first and not offset) or (one.last and run is last[name])]
-        found = [(one, _interval(one, run.trial.duration)) for one in ends]
-        idle = [(one, span) for one, span in found if _is_idle(one, span, run.trial.duration, total)]
+        idle = []
+        for one in ends:
+            begin, end = span = _interval(one, run.trial.duration)
+            long = max(_LONG_RESTS * one.kept, _SHARE * run.trial.duration, _SHARE_OF_ALL * total)
+            if one.hand or end - begin > long:
+                idle.append((one, span))
         if not idle:
             continue
         seconds = sum(end - begin for _, (begin, end) in idle)
@@ -55,11 +59,6 @@ def _interval(stretch: FreeStretch, duration: float) -> tuple[float, float]:
         return 0.0 if rests else stretch.rest + stretch.kept, min(max(last, stretch.end - stretch.kept), stretch.end)
     begin = stretch.rest + stretch.kept
     return min(begin, stretch.hand[0]) if stretch.hand else begin, duration
-
-
-def _is_idle(stretch: FreeStretch, interval: tuple[float, float], duration: float, total: float) -> bool:
-    seconds = interval[1] - interval[0]
-    return bool(stretch.hand) or seconds > max(_LONG_RESTS * stretch.kept, _SHARE * duration, _SHARE_OF_ALL * total)
 
 
 DETECTORS: Detectors = {"runs": (_detect,)}

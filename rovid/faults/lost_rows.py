@@ -87,9 +87,8 @@ def _pauses(data: ClockData) -> Iterator[Detection[ClockData]]:
     rows = np.flatnonzero(np.diff(time) > _PAUSE * data.interval)
     if not rows.size:
         return
-    yield _pause(
-        data.log, "no row", float(time[0]), tuple(zip(time[rows].tolist(), time[rows + 1].tolist(), strict=True))
-    )
+    holes = tuple(zip(time[rows].tolist(), time[rows + 1].tolist(), strict=True))
+    yield _pause(data.log, "no row", float(time[0]), holes)
 
 
 def _common_pauses(data: ClocksData) -> Iterator[Detection[ClocksData]]:
@@ -154,19 +153,13 @@ def _losses(time: FloatArray) -> tuple[FloatArray, BoolArray] | None:
     if holes.sum() < _LEAST_HOLES or all(count < usual + _DEVIATIONS * np.sqrt(usual) for count, usual in losses):
         return None
     on_grid = np.abs(advance - ticks * interval) < _OFF_GRID * interval
-    if min(np.mean(on_grid), np.mean(on_grid[holes])) < _ON_GRID or not _at_random(holes):
+    if min(np.mean(on_grid), np.mean(on_grid[holes])) < _ON_GRID:
+        return None
+    share = float(np.mean(holes))
+    by_chance = np.sqrt(1.0 - share) / share  # Standard deviation of a geometric distribution, of rows between holes.
+    if np.count_nonzero(holes) >= _PLACES and np.std(np.diff(np.flatnonzero(holes))) <= _AT_RANDOM * by_chance:
         return None
     return ticks, holes
-
-
-def _at_random(holes: BoolArray) -> bool:
-    """Whether the intervals between ``holes`` vary as by chance."""
-    if np.count_nonzero(holes) < _PLACES:
-        return True
-    runs = np.diff(np.flatnonzero(holes))
-    share = float(np.mean(holes))
-    by_chance = np.sqrt(1.0 - share) / share  # Standard deviation of a geometric distribution.
-    return bool(np.std(runs) > _AT_RANDOM * by_chance)
 
 
 def _on_change(data: ClockData) -> bool:
@@ -175,11 +168,9 @@ def _on_change(data: ClockData) -> bool:
     changed = np.diff(columns, axis=1) != 0.0
     if np.mean(~np.any(changed, axis=0)) >= _REPEATED:
         return False
-    measured = data.values.get(data.measured)
-    return measured is None or _in_single_steps(measured)
-
-
-def _in_single_steps(values: FloatArray) -> bool:
+    if data.measured not in data.values:
+        return True
+    values = data.values[data.measured]
     steps = np.abs(np.diff(values[np.isfinite(values)]))
     steps = steps[steps > 0.0]
     return not steps.size or float(np.mean(steps < 1.5 * steps.min())) > _ONE_STEP

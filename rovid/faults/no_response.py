@@ -178,8 +178,7 @@ def _found(
     name: str, runs: Sequence[Run], rate: float, at: float | None = None, end: float | None = None
 ) -> Detection[RunsData]:
     axis = runs[0].trial.axis
-    largest = max(float(np.abs(run.torque).max()) for run in runs)
-    unit = "N m" if axis.angular else "N"
+    largest, unit = max(float(np.abs(run.torque).max()) for run in runs), "N m" if axis.angular else "N"
     since = "" if at is None else f" from {at:.1f} s on, for some time or to the end"
     text = (
         f"{name}: the vehicle does not respond{since}. Its {axis.force_name} reaches {largest:.3g} {unit}, its "
@@ -190,30 +189,21 @@ def _found(
             f"{name}: the vehicle does not respond from {at:.1f} to {end:.1f} s. The command is held there, but its "
             f"{axis.force_name} was absent, as after a breaker opened."
         )
-    if (count := max(map(_equal_readings, runs))) >= _FROZEN:
-        text += (
-            f" {count} successive readings of the {axis.position_words} are equal: its sensor or topic may be frozen."
-        )
+    equal = []
+    for run in runs:
+        changes = np.diff(run.trial.position[run.trial.measured], prepend=np.nan, append=np.nan) != 0.0
+        equal.append(int(np.diff(np.flatnonzero(changes)).max(initial=0)))
+    if (count := max(equal)) >= _FROZEN:
+        text += f" {count} successive readings of the {axis.position_words} are equal: "
+        text += "its sensor or topic may be frozen."
+    begin = () if at is None else (at,)
     fault = Fault(
-        fault="no_response",
-        logs=(name,),
-        at=() if at is None else (at,),
-        text=text,
-        size=rate,
-        unit=axis.rate_unit,
-        remedy="set_aside",
+        fault="no_response", logs=(name,), at=begin, text=text, size=rate, unit=axis.rate_unit, remedy="set_aside"
     )
     done = "It was set aside."
     if at is not None:
         done = "The log was set aside. To use its other part, leave that stretch out under [[leave_out]] in rovid.toml."
     return Detection(fault=fault, done=done, repair=partial(without, log=name))
-
-
-def _equal_readings(run: Run) -> int:
-    """Largest number of successive readings of the position that are equal."""
-    position = run.trial.position[run.trial.measured]
-    changes = np.flatnonzero(np.diff(position, prepend=np.nan, append=np.nan) != 0.0)
-    return int(np.diff(changes).max(initial=0))
 
 
 def _motion(run: Run) -> float:

@@ -5,8 +5,7 @@ Steps of north and of east are examined as those of a heading; see `rovid.faults
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
-from functools import partial
+from operator import methodcaller
 
 import numpy as np
 
@@ -35,12 +34,11 @@ def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
         own = jumps(steps, max(resolved, _SIGMAS * math.sqrt(2.0) * _noise(steps)))
         if len(own) <= len(steps.time) / _PER_JUMP:
             found |= {float(steps.time[at + 1]): float(steps.time[at + 1] - steps.time[at]) for at in own}
-    instants: list[float] = []
+    last = -math.inf
     for at in sorted(found):
-        if not instants or at - instants[-1] > 1.5 * found[at]:
-            instants.append(at)
-    for at in instants:
-        parts = []
+        if at - last <= 1.5 * found[at]:
+            continue
+        last, parts = at, []
         for steps in every:
             number = int(np.searchsorted(steps.time, at - 1e-9)) - 1
             parts.append(jump_size(steps, number, _noise(steps)))
@@ -57,12 +55,8 @@ def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
                 remedy="cut",
             ),
             done="The log was cut there.",
-            repair=partial(_cut, at),
+            repair=methodcaller("cut_at", at),
         )
-
-
-def _cut(at: float, data: TrialData) -> TrialData:
-    return replace(data, trial=replace(data.trial, cuts=tuple(sorted({*data.trial.cuts, at}))))
 
 
 def _noise(steps: Steps) -> float:

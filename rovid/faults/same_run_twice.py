@@ -128,7 +128,10 @@ def _overlaps(recordings: Sequence[_Recording]) -> Iterator[tuple[Trial, Trial, 
     spectra = [np.fft.rfft(one.third, size) for one in recordings]
     for later, other in enumerate(recordings):
         for earlier, one in enumerate(recordings[:later]):
-            if not _may_overlap(one, other):
+            shorter, alike = min(len(one.rows), len(other.rows)), abs(one.interval - other.interval)
+            if shorter < _MIN_SAMPLES or alike > 0.01 * one.interval:
+                continue
+            if one.trial.commands.shape[1] != other.trial.commands.shape[1]:
                 continue
             products = np.fft.irfft(spectra[earlier] * np.conj(spectra[later]), size)
             lag = int(np.argmax(products))
@@ -136,13 +139,6 @@ def _overlaps(recordings: Sequence[_Recording]) -> Iterator[tuple[Trial, Trial, 
             if rows is not None:
                 yield one.trial, other.trial, rows
                 break
-
-
-def _may_overlap(one: _Recording, other: _Recording) -> bool:
-    shorter = min(len(one.rows), len(other.rows))
-    if shorter < _MIN_SAMPLES or abs(one.interval - other.interval) > 0.01 * one.interval:
-        return False
-    return bool(one.trial.commands.shape[1] == other.trial.commands.shape[1])
 
 
 def _common(one: _Recording, other: _Recording, lag: int) -> slice | None:
@@ -191,10 +187,8 @@ def _detect(data: CampaignData) -> Iterator[Detection[CampaignData]]:
             fault="same_run_twice",
             logs=(later.name,),
             at=(begin,),
-            text=(
-                f"{later.name}: from {begin:.1f} to {end:.1f} s it is the same recording as a part of {earlier.name}, "
-                "with the same noise."
-            ),
+            text=f"{later.name}: from {begin:.1f} to {end:.1f} s it is the same recording as a part of {earlier.name}, "
+            "with the same noise.",
             size=end - begin,
             unit="s",
             remedy="counted_once",
@@ -243,7 +237,11 @@ def _is_same(fine: _Recording, coarse: _Recording) -> bool:
     rounding = (fine.resolution**2 + coarse.resolution**2) / 12.0
     limit = _NOISE_RATIO * np.sqrt(fine.noise**2 + rounding) + 1e-9
     is_small = np.abs(known).max() < _MAX_DIFFERENCE and float(np.sqrt(np.mean(known**2))) <= limit
-    return bool(is_small) and _commands_agree(fine.trial, coarse.trial, shift)
+    time, commands = fine.trial.time, coarse.trial.commands
+    at = np.clip(np.searchsorted(time, coarse.trial.time - shift, side="right") - 1, 0, len(time) - 1)
+    apart = np.abs(fine.trial.commands[at] - commands)
+    agree = apart <= _COMMAND_TOLERANCE * np.abs(commands).max(axis=0)
+    return bool(is_small and np.all(np.mean(agree, axis=0) >= _COMMAND_SHARE))
 
 
 def _may_be_same(fine: _Recording, coarse: _Recording) -> bool:
@@ -277,20 +275,18 @@ def _align(fine: _Recording, time: FloatArray, psi: FloatArray) -> float | None:
     return shift
 
 
-def _commands_agree(fine: Trial, coarse: Trial, shift: float) -> bool:
-    at = np.clip(np.searchsorted(fine.time, coarse.time - shift, side="right") - 1, 0, len(fine.time) - 1)
-    difference = np.abs(fine.commands[at] - coarse.commands)
-    scale = np.abs(coarse.commands).max(axis=0)
-    return bool(np.all(np.mean(difference <= _COMMAND_TOLERANCE * scale, axis=0) >= _COMMAND_SHARE))
-
-
 def _detect_sensor(data: RunsData) -> Iterator[Detection[RunsData]]:
     """Runs that a second sensor of the same vehicle recorded; the first log stays."""
     kept: list[Run] = []
     for run in data.runs:
         alike = [other for other in kept if _are_alike(other, run)]
         first = next((other for other in alike if _at_once(other, run)), None)
-        first = first or next((other for other in alike if _share_disturbance(other, run)), None)
+        for other in () if first else alike:
+            # They differ by less than independent motions of the size that no command explains.
+            independent = _unexplained_motion(other) ** 2 + _unexplained_motion(run) ** 2
+            if min(_disagreement(other, run)) ** 2 < _SHARED * independent:
+                first = other
+                break
         if first is None:
             kept.append(run)
             continue
@@ -364,12 +360,6 @@ def _at_once(one: Run, other: Run) -> bool:
     """Whether both runs began at the same absolute time: one vehicle does one run at a time."""
     first, second = one.trial.start_epoch, other.trial.start_epoch
     return first is not None and second is not None and abs(first - second) < one.rates.kernel.period
-
-
-def _share_disturbance(one: Run, other: Run) -> bool:
-    """Whether the runs differ by less than independent motions of the size that no command explains."""
-    independent = _unexplained_motion(one) ** 2 + _unexplained_motion(other) ** 2
-    return min(_disagreement(one, other)) ** 2 < _SHARED * independent
 
 
 def _unexplained_motion(run: Run) -> float:

@@ -17,7 +17,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.faults.base import Detection, Detectors, RunsData, TrialData
 from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, log_name
@@ -26,7 +26,6 @@ from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
 from rovid.trial.rates import highest_cutoff
 from rovid.trial.segments import find_releases, resolution
-from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
 # Torque of an actuator as a share of the largest torque of all logs, below which it does not push.
@@ -66,16 +65,22 @@ class FreeMotion:
     """The model of all logs and its level of unexplained torques."""
 
     def __init__(self, runs: Sequence[Run], vehicle: Vehicle) -> None:
-        self.vehicle = vehicle
         self.model = fit_quick_model(runs, vehicle)
-        self._largest = max((float(np.abs(run.torque).max(initial=0.0)) for run in runs), default=0.0)
-        self._free = {id(run): self._without_thrust(run) for run in runs}
+        largest = max((float(np.abs(run.torque).max(initial=0.0)) for run in runs), default=0.0)
+        self._free: dict[int, BoolArray] = {}
+        for run in runs:
+            pairs = zip(vehicle.thrusters, run.trial.commands.T, strict=True)
+            torque = np.array([np.abs(thruster.torque(command)) for thruster, command in pairs]).max(axis=0)
+            row = np.clip(np.searchsorted(run.trial.time, run.rates.time, side="right") - 1, 0, None)
+            self._free[id(run)] = np.asarray(torque[row] <= _NEUTRAL * largest)
         self._unexplained: dict[int, FloatArray] = {}
         self.level = np.inf
         if self.model is not None:
             self._unexplained = {id(run): _unexplained(run, self.model) for run in runs}
-            pairs = [(self._unexplained[key], free) for key, free in self._free.items() if not free.all()]
-            driven = [float(np.nanmax(np.abs(torque[~free]), initial=0.0)) for torque, free in pairs]
+            driven = []
+            for key, free in self._free.items():
+                if not free.all():
+                    driven.append(float(np.nanmax(np.abs(self._unexplained[key][~free]), initial=0.0)))
             self.level = float(np.median(driven)) if driven else np.inf
 
     def stretches(self, run: Run) -> list[FreeStretch]:
@@ -90,12 +95,6 @@ class FreeMotion:
         """(m,) where no actuator pushes."""
         return self._free[id(run)]
 
-    def _without_thrust(self, run: Run) -> BoolArray:
-        pairs = zip(self.vehicle.thrusters, run.trial.commands.T, strict=True)
-        torques = np.array([np.abs(thruster.torque(command)) for thruster, command in pairs])
-        row = np.clip(np.searchsorted(run.trial.time, run.rates.time, side="right") - 1, 0, None)
-        return np.asarray(torques.max(axis=0)[row] <= _NEUTRAL * self._largest)
-
     def _stretch(self, run: Run, model: QuickModel, begin: int, end: int) -> FreeStretch:
         time, tau = run.rates.time[begin:end], model.time_constant
         speed = np.nan_to_num(np.abs(run.rates.rate[begin:end]))
@@ -103,6 +102,8 @@ class FreeMotion:
         disturbed = self.level * tau / model.inertia
         slow = max(_REST * float(np.nanmax(np.abs(run.rates.rate), initial=0.0)), disturbed)
         at_rest = np.flatnonzero(known & (speed <= slow))
+        # The first instant, where the vehicle rests as soon as its rate is known.
+        rest = float(time[0 if at_rest[0] == np.argmax(known) else at_rest[0]]) if at_rest.size else np.inf
         torque = np.abs(self._unexplained[id(run)][begin:end])
         torque[speed - np.minimum.accumulate(np.where(known, speed, np.inf)) < disturbed] = 0.0
         peak = float(torque.max(initial=0.0))
@@ -117,18 +118,11 @@ class FreeMotion:
             end=float(time[-1]),
             first=begin == 0,
             last=end == len(run.rates.time),
-            rest=_first_rest(time, known, at_rest),
+            rest=rest,
             hand=hand,
             rate=float(speed[int(torque.argmax())]) if hand else 0.0,
             kept=max(_KEPT * tau, _KEPT_PERIODS / run.rates.kernel.cutoff),
         )
-
-
-def _first_rest(time: FloatArray, known: BoolArray, at_rest: IntArray) -> float:
-    """First instant at rest: the first one of ``time`` where the vehicle rests as soon as its rate is known."""
-    if not at_rest.size:
-        return np.inf
-    return float(time[0 if at_rest[0] == np.argmax(known) else at_rest[0]])
 
 
 @lru_cache(maxsize=1)
@@ -156,12 +150,6 @@ def moving_torque(run: Run, model: QuickModel) -> FloatArray:
     return np.asarray(np.column_stack((run.rates.acceleration, np.abs(rate) * rate, rate)) @ model.values)
 
 
-def neutral_torque(data: RunsData, run: Run, stretch: tuple[float, float]) -> bool:
-    """Whether no actuator pushes in a ``stretch`` of ``run``, in s."""
-    inside = (run.rates.time > stretch[0]) & (run.rates.time < stretch[1])
-    return bool(free_motion(tuple(data.runs), data.vehicle).is_free(run)[inside].all())
-
-
 def _without_spring(torque: FloatArray, turned: FloatArray, valid: BoolArray) -> FloatArray:
     """The (m,) torque without a restoring torque by the angle ``turned``, as of a tether, if that explains it."""
     x, y = (each[valid] - each[valid].mean() for each in (turned, torque))
@@ -185,7 +173,10 @@ def cut_out(data: RunsData, run: Run, intervals: Sequence[tuple[float, float]]) 
     trial = run.trial
     edges = [0, *np.searchsorted(trial.time, np.ravel(intervals)).tolist(), len(trial.time)]
     kept = measured_spans(trial, (slice(*pair) for pair in zip(edges[::2], edges[1::2], strict=True)))
-    trials = [trial.part(rows, _name(trial, rows) if len(kept) > 1 else trial.name) for rows in kept]
+    trials = []
+    for rows in kept:
+        first, last = trial.time[rows][[0, -1]]
+        trials.append(trial.part(rows, f"{trial.name}, {first:.1f} to {last:.1f} s" if len(kept) > 1 else trial.name))
     parts: Sequence[Run] = ()
     # An error: no part is long enough.
     with contextlib.suppress(DataError):
@@ -194,11 +185,6 @@ def cut_out(data: RunsData, run: Run, intervals: Sequence[tuple[float, float]]) 
             parts = prepare_trials(trials, data.vehicle, cutoff=cutoff).items
     at = next(number for number, one in enumerate(data.runs) if one is run)
     return replace(data, runs=[*data.runs[:at], *parts, *data.runs[at + 1 :]])
-
-
-def _name(trial: Trial, rows: slice) -> str:
-    span = trial.time[rows]
-    return f"{trial.name}, {span[0]:.1f} to {span[-1]:.1f} s"
 
 
 def _detect_decays(data: TrialData) -> Iterator[Detection[TrialData]]:
@@ -210,14 +196,10 @@ def _detect_decays(data: TrialData) -> Iterator[Detection[TrialData]]:
     releases = [rows for rows in find_releases(trial) if np.ptp(trial.position[rows][trial.measured[rows]]) > toggled]
     if len(releases) < 2:
         return
-    spans = [(float(trial.time[rows][0]), float(trial.time[rows][-1])) for rows in releases]
-    text = f"{trial.name}: the log holds {len(spans)} releases, at {_instants([begin for begin, _ in spans])} s."
-    cuts = tuple(sorted({*trial.cuts, *(begin for begin, _ in spans)}))
-    yield Detection(
-        fault=_fault(trial.name, tuple(begin for begin, _ in spans), text, len(spans)),
-        done="The log was cut there.",
-        repair=lambda data: replace(data, trial=replace(data.trial, cuts=cuts)),
-    )
+    begins = [float(trial.time[rows][0]) for rows in releases]
+    text = f"{trial.name}: the log holds {len(begins)} releases, at {_instants(begins)} s."
+    fault = _fault(trial.name, tuple(begins), text, len(begins))
+    yield Detection(fault=fault, done="The log was cut there.", repair=lambda data: data.cut_at(*begins))
 
 
 def _detect_hands(data: RunsData) -> Iterator[Detection[RunsData]]:
@@ -229,17 +211,16 @@ def _detect_hands(data: RunsData) -> Iterator[Detection[RunsData]]:
         hands = [one.hand[0] for one in stretches if one.hand]
         if not hands:
             continue
-        offset = run.trial.campaign_time - starts[log_name(run)]
-        at = tuple(offset + instant for instant in hands)
+        offset, axis = run.trial.campaign_time - starts[log_name(run)], run.trial.axis
+        at, rate = tuple(offset + instant for instant in hands), max(one.rate for one in stretches)
+        shown = f"{np.rad2deg(rate):.2g} deg/s" if axis.angular else f"{rate:.2g} {axis.rate_unit}"
         text = (
             f"{log_name(run)}: the log holds {len(hands) + 1} tests. Between them, at {_instants(at)} s, the vehicle "
-            f"was moved without a command, at up to {_shown(run, max(one.rate for one in stretches))}."
+            f"was moved without a command, at up to {shown}."
         )
-        yield Detection(
-            fault=_fault(log_name(run), at, text, len(hands) + 1),
-            done="The log was cut there.",
-            repair=partial(cut_out, run=run, intervals=[_interval(one) for one in stretches]),
-        )
+        fault = _fault(log_name(run), at, text, len(hands) + 1)
+        repair = partial(cut_out, run=run, intervals=[_interval(one) for one in stretches])
+        yield Detection(fault=fault, done="The log was cut there.", repair=repair)
 
 
 def _interval(stretch: FreeStretch) -> tuple[float, float]:
@@ -250,11 +231,6 @@ def _interval(stretch: FreeStretch) -> tuple[float, float]:
 
 def _fault(log: str, at: tuple[float, ...], text: str, count: int) -> Fault:
     return Fault(fault="several_releases", logs=(log,), at=at, size=float(count), unit="tests", text=text, remedy="cut")
-
-
-def _shown(run: Run, rate: float) -> str:
-    axis = run.trial.axis
-    return f"{np.rad2deg(rate):.2g} deg/s" if axis.angular else f"{rate:.2g} {axis.rate_unit}"
 
 
 def _instants(at: tuple[float, ...] | list[float]) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CommandData, Detection, Detectors, RunsData
 from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, log_name
-from rovid.faults.several_releases import cut_out, log_starts, moving_torque, neutral_torque
+from rovid.faults.several_releases import cut_out, free_motion, log_starts, moving_torque
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
 from rovid.trial.segments import subsampled_median
@@ -59,11 +59,8 @@ def _detect(data: CommandData) -> Iterator[Detection[CommandData]]:
     usual, silences = _silences(time, values, data)
     reading = subsampled_median(np.diff(data.measured))
     counts = [int(np.ptp(np.searchsorted(data.measured, pair))) for pair in silences]
-    silences = [
-        (begin, end)
-        for (begin, end), count in zip(silences, counts, strict=True)
-        if count * reading >= _MIN_MEASURED * (end - begin)
-    ]
+    pairs = zip(silences, counts, strict=True)
+    silences = [pair for pair, count in pairs if count * reading >= _MIN_MEASURED * (pair[1] - pair[0])]
     if not silences:
         return
     start, end = data.measured[[0, -1]].tolist()
@@ -85,11 +82,8 @@ def _detect(data: CommandData) -> Iterator[Detection[CommandData]]:
         text=f"{data.log}: the commands of {data.name} {what}; their usual interval is {usual:.3g} s.",
         remedy="unknown",
     )
-    yield Detection(
-        fault=fault,
-        done="The command is unknown after one more usual interval, and the log is left out where it matters.",
-        repair=lambda data: replace(data, unknown=(*data.unknown, *unknown)),
-    )
+    done = "The command is unknown after one more usual interval, and the log is left out where it matters."
+    yield Detection(fault=fault, done=done, repair=lambda data: replace(data, unknown=(*data.unknown, *unknown)))
 
 
 def _silences(time: FloatArray, values: FloatArray, data: CommandData) -> tuple[float, list[tuple[float, float]]]:
@@ -105,14 +99,9 @@ def _silences(time: FloatArray, values: FloatArray, data: CommandData) -> tuple[
     if not np.mean(np.diff(values) == 0.0) >= _REPEATED:
         # Each command differs from the one before: perhaps only changes are published, and a silence is a held value.
         # At a constant rate, a held value that is not neutral is unlikely to be meant.
-        silent &= bool(upper <= _STRICT * usual) & (np.abs(values - _neutral(data)) > _NEUTRAL * np.ptp(values))
+        neutral = data.thruster.curve.neutral if data.thruster and data.thruster.curve else 0.0
+        silent &= bool(upper <= _STRICT * usual) & (np.abs(values - neutral) > _NEUTRAL * np.ptp(values))
     return usual, list(zip(time[silent].tolist(), ends[silent].tolist(), strict=True))
-
-
-def _neutral(data: CommandData) -> float:
-    if data.thruster is None or data.thruster.curve is None:
-        return 0.0
-    return data.thruster.curve.neutral
 
 
 def _detect_frozen(data: RunsData) -> Iterator[Detection[RunsData]]:
@@ -139,11 +128,8 @@ def _detect_frozen(data: RunsData) -> Iterator[Detection[RunsData]]:
         fault = Fault(
             fault="stale_commands", logs=(log_name(run),), at=begins, size=size, unit="s", text=text, remedy="unknown"
         )
-        yield Detection(
-            fault=fault,
-            done="The commands are unknown there, and the log was cut.",
-            repair=partial(cut_out, run=run, intervals=stretches),
-        )
+        done = "The commands are unknown there, and the log was cut."
+        yield Detection(fault=fault, done=done, repair=partial(cut_out, run=run, intervals=stretches))
 
 
 def _still(run: Run) -> list[tuple[float, float]]:
@@ -162,13 +148,11 @@ def _still(run: Run) -> list[tuple[float, float]]:
 
 def _moves(data: RunsData, run: Run, stretch: tuple[float, float], model: QuickModel) -> bool:
     """Whether thrust and torques that ``model`` does not explain move the vehicle in a ``stretch`` of ``run``."""
-    if stretch[1] - stretch[0] < _SETTLED * model.time_constant or neutral_torque(data, run, stretch):
+    within, moving = (run.rates.time > stretch[0]) & (run.rates.time < stretch[1]), moving_torque(run, model)
+    inside = run.valid & within
+    if stretch[1] - stretch[0] < _SETTLED * model.time_constant or np.count_nonzero(inside) < _MIN_COMMANDS:
         return False
-    inside, moving = (
-        run.valid & (run.rates.time > stretch[0]) & (run.rates.time < stretch[1]),
-        moving_torque(run, model),
-    )
-    if np.count_nonzero(inside) < _MIN_COMMANDS:
+    if free_motion(tuple(data.runs), data.vehicle).is_free(run)[within].all():
         return False
     return bool(np.std((moving - run.filtered_torque)[inside]) > 0.5 * _MOVES * np.std(moving[run.valid]))
 

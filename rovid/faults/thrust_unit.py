@@ -14,10 +14,9 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import Detection, Detectors, RunsData, named
-from rovid.faults.common_drive import unexplained
-from rovid.faults.common_torque import with_common_torque
+from rovid.faults.common_causes import unexplained, with_common_torque
 from rovid.faults.foreign_log import significant_groups
-from rovid.faults.quick_model import QuickModel, fit_quick_model, solved
+from rovid.faults.quick_model import fit_quick_model, solved
 from rovid.faults.unit_mismatch import mismatch_text, unit_of
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
@@ -59,15 +58,15 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         return
     others = partial(_others, data.runs, data.vehicle)
     fault = _fault(model.inertia, None, data.vehicle, _QUICK_LIMIT, others)
-    if fault and not _is_possible(data.runs, data.vehicle, model, reference):
-        yield Detection(fault=_command_unit(model.inertia, data.runs, data.vehicle, fault) or fault)
-
-
-def _is_possible(runs: Sequence[Run], vehicle: Vehicle, plain: QuickModel, reference: float) -> bool:
-    """Whether a torque that all logs share, and that explains no less, makes the inertia a possible one."""
-    models = (fit_quick_model(acting, vehicle) for acting in with_common_torque(runs, plain))
+    if fault is None:
+        return
+    # A torque that all logs share, and that explains no less, may make the inertia a possible one.
     least, most = _QUICK_LIMIT * reference, _IMPOSSIBLE * reference
-    return any(model and least < model.inertia < most and unexplained(model) < unexplained(plain) for model in models)
+    for acting in with_common_torque(data.runs, model):
+        other = fit_quick_model(acting, data.vehicle)
+        if other and least < other.inertia < most and unexplained(other) < unexplained(model):
+            return
+    yield Detection(fault=_command_unit(model.inertia, data.runs, data.vehicle, fault) or fault)
 
 
 def _others(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:

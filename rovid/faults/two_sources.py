@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.core.array_types import BoolArray, FloatArray
+from rovid.core.array_types import BoolArray
 from rovid.faults.base import Detection, Detectors, SignalData
 from rovid.trial.fault import Fault
 
@@ -56,7 +56,9 @@ def _second_source(data: SignalData) -> tuple[BoolArray, float, float] | None:
     steps = np.diff(data.values)
     if np.isfinite(data.period):
         steps -= data.period * np.rint(steps / data.period)
-    departures = steps - _running_mean(steps)
+    sums = np.concatenate(([0.0], np.cumsum(steps)))
+    begins = np.clip(np.arange(len(steps)) - _MEAN // 2, 0, len(steps) - _MEAN)
+    departures = steps - (sums[begins + _MEAN] - sums[begins]) / _MEAN
     sizes = np.abs(departures)
     offset = float(np.percentile(sizes, 95.0))
     change = sizes > 0.5 * offset
@@ -68,7 +70,9 @@ def _second_source(data: SignalData) -> tuple[BoolArray, float, float] | None:
         return None
     low, middle, high = np.percentile(sizes[change], (25.0, 50.0, 75.0)).tolist()
     others = float(np.percentile(sizes[~change], 90.0)) if changes < len(steps) else 0.0
-    if high - low > _SPREAD * middle or others > _OTHERS * middle or middle < _FLICKER * _resolution(data.values):
+    differences = np.diff(np.unique(data.values))
+    resolution = float(differences[differences > _SMALLEST].min(initial=np.inf))
+    if high - low > _SPREAD * middle or others > _OTHERS * middle or middle < _FLICKER * resolution:
         return None
     # The source is the one that the last change led to: the upper after a step up.
     last = np.maximum.accumulate(np.where(change, np.arange(len(steps)), -1))
@@ -78,20 +82,6 @@ def _second_source(data: SignalData) -> tuple[BoolArray, float, float] | None:
     up, down = steps[change][signs > 0.0], steps[change][signs < 0.0]
     size = 0.5 * float(np.median(up) - np.median(down))  # The motion cancels.
     return second, size, float((high - low) / 1.35 / np.sqrt(changes))
-
-
-def _running_mean(steps: FloatArray) -> FloatArray:
-    """(n,) mean of the steps around each one."""
-    sums = np.concatenate(([0.0], np.cumsum(steps)))
-    begins = np.clip(np.arange(len(steps)) - _MEAN // 2, 0, len(steps) - _MEAN)
-    mean: FloatArray = (sums[begins + _MEAN] - sums[begins]) / _MEAN
-    return mean
-
-
-def _resolution(values: FloatArray) -> float:
-    """Smallest difference of two different readings."""
-    differences = np.diff(np.unique(values))
-    return float(differences[differences > _SMALLEST].min(initial=np.inf))
 
 
 DETECTORS: Detectors = {"signal": (_detect,)}

@@ -11,8 +11,7 @@ import numpy as np
 from rovid.core.errors import DataError, LogError, RovidError
 from rovid.estimate.inner_loop import find_inner_loop
 from rovid.estimate.steady_drag import DragFit
-from rovid.faults.base import named, resolve
-from rovid.faults.catalogue import examine_runs
+from rovid.faults.base import examine_runs, named, resolve
 from rovid.preflight.advice import Advice, advise, feedback_text, joined_clocks
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.clock_offsets import estimate_clock_offsets

@@ -20,8 +20,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.faults import base as fault_base
-from rovid.faults.base import ClockData, ClocksData, CommandData, SignalData, TrialData
-from rovid.faults.catalogue import detectors_at
+from rovid.faults.base import ClockData, ClocksData, CommandData, SignalData, TrialData, detectors_at
 from rovid.readers import time_base
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
 from rovid.readers.raw_log import ANGLES, Channel, RawLog

@@ -14,8 +14,7 @@ from rovid.core.errors import LogError, quoted_list, shortened_list, suggestion
 from rovid.core.input_files import file_parts, list_files, require_exists
 from rovid.core.output_files import own_output
 from rovid.core.spmd import ForkedCall
-from rovid.faults.base import CampaignData, examine
-from rovid.faults.catalogue import detectors_at
+from rovid.faults.base import CampaignData, detectors_at, examine
 from rovid.readers.formats import READERS, read_log, trial_files
 from rovid.trial.axis import Axis
 from rovid.trial.config import Config, find_config, load_config

@@ -26,7 +26,7 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.output_error import Regression
 from rovid.estimate.steady_drag import DragFit, fit_drag
 from rovid.estimate.steady_points import points_from_table, steady_points
-from rovid.faults.catalogue import examine_runs
+from rovid.faults.base import examine_runs
 from rovid.faults.quick_model import log_name
 from rovid.faults.thrust_unit import inertia_fault
 from rovid.readers import read_campaign

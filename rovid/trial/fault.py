@@ -71,7 +71,7 @@ class Excerpt:
 class Fault:
     """A fault of one log or of several, and its remedy."""
 
-    fault: str  #: Id in the catalogue `rovid.faults.catalogue`.
+    fault: str  #: Id in the catalogue `rovid.faults.base`.
     logs: tuple[str, ...]  #: Names of the logs.
     text: str  #: Sentences for people: which log, when, how large, and the remedy that was applied.
     at: tuple[float, ...] = ()  #: s from the beginning of the log; empty where the whole log is meant.

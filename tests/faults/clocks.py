@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import ClockData, examine
-from rovid.faults.catalogue import detectors_at
+from rovid.faults.base import ClockData, detectors_at, examine
 from rovid.trial.fault import Fault, FaultOverrides
 
 # Time constants of the vehicles in s, from a toy to a ship.

@@ -9,8 +9,7 @@ from typing import get_args
 import pytest
 
 from rovid.core.errors import ConfigError
-from rovid.faults.base import Detection, Stage, examine
-from rovid.faults.catalogue import detectors_at
+from rovid.faults.base import Detection, Stage, detectors_at, examine
 from rovid.trial.config import load_config
 from rovid.trial.fault import FAULT_IDS, Fault, FaultOverrides, fault_texts
 from tests.conftest import ROOT

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.faults.base import ClockData, ClocksData, examine
-from rovid.faults.catalogue import detectors_at
+from rovid.faults.base import ClockData, ClocksData, detectors_at, examine
 from rovid.trial.cutting import split
 from rovid.trial.fault import FaultOverrides
 from tests.faults.clocks import COMMANDS, TIME_CONSTANTS, clock, examined, motion, undamaged
