@@ -1,4 +1,4 @@
-"""Scaled coordinates of a planar fit: order, bounds, map to model and noise, and combinations the data leave open."""
+"""Scaled coordinates of a planar fit: order, bounds, and map to model and noise."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,6 @@ from rovid.effects.base import Scales
 from rovid.estimate.fisher_information import Innovations
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.kernels import NOISE_COUNT, NOISE_LATENCY, NOISE_SENSOR
-from rovid.planar.log_cholesky import from_log_cholesky, log_cholesky
 from rovid.planar.model import BASE_COUNT, SENSORS, PlanarModel, RudderModel
 
 # Half range of the log inertias about those of the best regression: a factor of 30. Those of sway and yaw are half
@@ -42,10 +41,6 @@ _INSTRUMENTS = (("yaw_rate",), ("surge_velocity", "sway_velocity"), ("north", "e
 _LATENCY_RANGE = 0.7
 # Difference step of scaled coordinates. That of effects is relative, to this share of the initial value at least.
 _STEP, _LEAST_SIZE = 1e-5, 0.1
-# Largest standard error of a determined combination, in units of its scale: three standard errors make one unit.
-MAX_ERROR = 1.0 / 3.0
-# Least share of a parameter in a combination that is listed; number that its sentence names next to the first one.
-_LEAST_SHARE, _NAMED = 0.1, 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,57 +79,36 @@ class PlanarCoordinates:
         yaw_only: bool,
     ) -> Self:
         """Coordinates around ``start``, with disturbances of at most ``limit`` times the usual forces."""
+        rows = [(1.0, -half, half) for half in _INERTIA_RANGE]
         drags = np.concatenate((sizes.force / sizes.speed, sizes.force / sizes.speed**2))
-        low, high = [*-_INERTIA_RANGE, *np.zeros(6)], [*_INERTIA_RANGE, *np.full(6, np.inf)]
-        units = [1.0, 1.0, 1.0, 1.0, *drags]
+        rows += [(unit, 0.0, np.inf) for unit in drags]
         for rudder in start.rudders:
             arm = max(math.hypot(*rudder.position), 1e-9)
-            units += [float(max(sizes.force[1], sizes.force[2] / arm) / sizes.speed[0] ** 2), rudder.slipstream or 1.0]
-            free = 1e3 if rudder.slipstream > 0.0 else 0.0
-            low, high = [*low, 0.0, 0.0], [*high, np.inf, free]
+            unit = float(max(sizes.force[1], sizes.force[2] / arm) / sizes.speed[0] ** 2)
+            rows += [(unit, 0.0, np.inf), (rudder.slipstream or 1.0, 0.0, 1e3 if rudder.slipstream > 0.0 else 0.0)]
             if rudder.straightening is not None:
-                units, low, high = [*units, 1.0, 1.0], [*low, *_STRAIGHTENING[0]], [*high, *_STRAIGHTENING[1]]
-        for parameter in _parameters(effects):
-            units.append(sizes.effects.unit_size(parameter))
-            low.append(parameter.low)
-            high.append(parameter.high)
-        for axis in range(3):
-            top = math.log(limit * sizes.force[axis])
-            low.append(top - _DISTURBANCE_RANGE)
-            high.append(top)
-        for axis in range(3):
-            low.append(math.log(_MEMORY_BOUNDS[0] * sizes.time[axis]))
-            high.append(math.log(_MEMORY_BOUNDS[1] * sizes.time[axis]))
+                rows += [(1.0, *bounds) for bounds in zip(*_STRAIGHTENING, strict=True)]
+        rows += [(sizes.effects.unit_size(one), one.low, one.high) for one in _parameters(effects)]
+        for force in sizes.force:
+            top = math.log(limit * force)
+            rows.append((1.0, top - _DISTURBANCE_RANGE, top))
+        for time in sizes.time:
+            rows.append((1.0, math.log(_MEMORY_BOUNDS[0] * time), math.log(_MEMORY_BOUNDS[1] * time)))
         for name in sensors:
             first = math.log(sizes.noise[name])
-            low.append(
-                max(first - _NOISE_RANGE, math.log(_HEADING_FLOOR)) if name == "heading" else first - _NOISE_RANGE
-            )
-            high.append(max(first + _NOISE_RANGE, low[-1]))
-        units += [1.0] * (6 + len(sensors))
-        late = len(_instruments(sensors))
-        units += [float(sizes.time.min())] * late
-        low, high = [*low, *[-_LATENCY_RANGE] * late], [*high, *[_LATENCY_RANGE] * late]
+            least = max(first - _NOISE_RANGE, math.log(_HEADING_FLOOR) if name == "heading" else -math.inf)
+            rows.append((1.0, least, max(first + _NOISE_RANGE, least)))
+        rows += [(float(sizes.time.min()), -_LATENCY_RANGE, _LATENCY_RANGE)] * len(_instruments(sensors))
+        units, low, high = np.array(rows, dtype=np.float64).T.copy()
         found = cls(
-            sizes=sizes,
-            rudders=start.rudders,
-            effects=tuple(effects),
-            sensors=sensors,
-            units=np.array(units, dtype=np.float64),
-            low=np.array(low, dtype=np.float64),
-            high=np.array(high, dtype=np.float64),
+            sizes=sizes, rudders=start.rudders, effects=tuple(effects), sensors=sensors, units=units, low=low, high=high
         )
         if yaw_only:
-            found._fix_all_but_yaw()
+            fixed = [0, 1, 3, 4, 5, 7, 8]
+            low[fixed] = high[fixed] = 0.0
+            fixed = [found.noise_begin + at for at in (0, 1, 3, 4)]
+            low[fixed] = high[fixed]
         return found
-
-    def _fix_all_but_yaw(self) -> None:
-        for at in (0, 1, 3):
-            self.low[at] = self.high[at] = 0.0
-        for at in (4, 5, 7, 8):
-            self.low[at] = self.high[at] = 0.0
-        for at in (0, 1, 3, 4):
-            self.low[self.noise_begin + at] = self.high[self.noise_begin + at]
 
     @property
     def latency_begin(self) -> int:
@@ -331,52 +305,22 @@ def _instruments(sensors: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     return tuple(names for names in found if names)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Undetermined:
-    """A combination of parameters along which the data hardly change the likelihood."""
+def log_cholesky(mass: FloatArray, scale: FloatArray) -> FloatArray:
+    """(4,) unbounded coordinates of a positive definite (3, 3) ``mass`` matrix: logarithms of its Cholesky factor.
 
-    combination: Mapping[str, float]  #: Parameter -> its share in SI; the largest relative change is that of 1.
-    text: str  #: A sentence for people.
-
-
-def undetermined_directions(
-    names: Sequence[str], covariance: FloatArray, scale: FloatArray, free: BoolArray
-) -> tuple[tuple[Undetermined, ...], tuple[str, ...]]:
-    """Undetermined combinations, and the names of the parameters that are refused because of them.
-
-    ``names``, ``covariance``, ``scale``: (q,) parameters, (q, q) covariance and (q,) typical sizes in SI.
-    ``free``: (q,) parameters that were estimated.
+    ``scale``: (3,) typical inertias.
     """
-    own = np.flatnonzero(free & (scale > 0.0))
-    scaled = covariance[np.ix_(own, own)] / np.outer(scale[own], scale[own])
-    if not np.isfinite(scaled).all():
-        return (), tuple(names[at] for at in own.tolist())
-    errors = np.sqrt(np.maximum(np.diag(scaled), 0.0))
-    refused = tuple(names[at] for at, error in zip(own.tolist(), errors, strict=True) if error > MAX_ERROR)
-    values, vectors = np.linalg.eigh(scaled)
-    found = []
-    for value, vector in sorted(zip(values, vectors.T, strict=True), key=lambda pair: -pair[0]):
-        if value <= MAX_ERROR**2:
-            break
-        shares = {names[at]: float(share) for at, share in zip(own.tolist(), vector, strict=True)}
-        largest = max(shares, key=lambda name: abs(shares[name]))
-        listed = {name: share / shares[largest] for name, share in shares.items()}
-        listed = {name: share for name, share in listed.items() if abs(share) >= _LEAST_SHARE}
-        # Many small errors may add up in a direction although each parameter is known well enough.
-        if not set(refused).isdisjoint(listed):
-            found.append(Undetermined(combination=listed, text=_text(listed)))
-    return tuple(found), refused
+    sway = 0.5 * np.log(mass[1, 1] / scale[1])
+    root = np.sqrt(scale[1] * scale[2])
+    coupled = mass[1, 2] / root / np.exp(sway)
+    rest = max(mass[2, 2] / scale[2] - coupled**2, 1e-12)
+    return np.array([np.log(mass[0, 0] / scale[0]), sway, 0.5 * np.log(rest), coupled])
 
 
-def _text(listed: Mapping[str, float]) -> str:
-    if len(listed) == 1:
-        (name,) = listed
-        return f"{name} has next to no influence on what these runs measure."
-    first, *others = sorted(listed, key=lambda name: -abs(listed[name]))
-    parts = [f"{name} ({'together' if listed[name] > 0.0 else 'against it'})" for name in others[:_NAMED]]
-    if rest := len(others) - len(parts):
-        parts.append(f"{rest} more")
-    return (
-        f"These runs hardly change if {first} and {', '.join(parts)} change in proportion; only other combinations are "
-        "known."
-    )
+def from_log_cholesky(numbers: FloatArray, scale: FloatArray) -> FloatArray:
+    """(4,) inertias of surge, sway, yaw and their coupling, from the coordinates of `log_cholesky`."""
+    surge, sway, yaw, coupled = numbers
+    side = np.exp(sway)
+    turned = scale[2] * (coupled**2 + np.exp(2.0 * yaw))
+    coupling = np.sqrt(scale[1] * scale[2]) * side * coupled
+    return np.array([scale[0] * np.exp(surge), scale[1] * side**2, turned, coupling])

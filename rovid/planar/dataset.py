@@ -6,9 +6,11 @@ length: a few microseconds between two sensors, or many seconds in a gap, within
 steps. For start values, `smooth_run` takes the readings through one Gaussian kernel, on a uniform grid.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -16,10 +18,12 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.model import SENSORS, PlanarActuators, PlanarCommands, PlanarForces
-from rovid.planar.prior import PlanarPrior
 from rovid.trial.cutting import with_rows
 from rovid.trial.trial import Campaign, Readings, Trial
 from rovid.trial.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from rovid.planar.likelihood import PlanarPrior
 
 # s; readings as close as this to an instant of the log belong to it.
 _SAME_INSTANT = 1e-4
@@ -143,6 +147,26 @@ def has_hidden_sway(data: PlanarData) -> bool:
     return surge and not sway
 
 
+def require_measured(data: PlanarData) -> None:
+    """Refuse headings alone where they cannot determine the yaw model, and rudders without propulsion."""
+    if not is_yaw_alone(data):
+        if not is_pushed(data):
+            raise DataError(
+                f"nothing pushes the vehicle but {data.actuators.rudder_names[0]}, which only turns it.",
+                mend="Enter its propulsion in [[thrusters]] of rovid.toml, or fit yaw alone without --axes planar.",
+            )
+        return
+    mend = "Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml."
+    if data.actuators.rudders:
+        raise DataError(
+            f"the force of {data.actuators.rudder_names[0]} depends on the speed through the water, and these logs "
+            "measure neither a speed nor a position.",
+            mend=mend,
+        )
+    if not any(run.forces().force[:, 2].any() for run in data.runs):
+        raise DataError("no actuator turns the vehicle in these logs, which measure the heading alone.", mend=mend)
+
+
 def planar_data(campaign: Campaign, vehicle: Vehicle) -> PlanarData:
     """All runs of a campaign that was read with `load_planar_config`.
 
@@ -187,7 +211,7 @@ class SmoothRun:
     heading: FloatArray  #: (g,) rad.
     speeds: FloatArray  #: (g, 3) u, v over ground in m/s, r in rad/s.
     accelerations: FloatArray  #: (g, 3) of the speeds.
-    inputs: FloatArray  #: (g, k) as in `rovid.planar.reference.forces`.
+    inputs: FloatArray  #: (g, k) as in `rovid.planar.equations.forces`.
 
     @classmethod
     def stacked(cls, runs: Sequence[Self], most: int) -> Self:

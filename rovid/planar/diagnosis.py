@@ -2,7 +2,7 @@
 
 The base model is fitted to the innovations. Score tests screen all forms that couple surge, sway and yaw, or that act
 between command and thrust. The best ones are fitted, and added while they gain enough; other sets of causes challenge
-the result. Each cause then has to pass the held-out gate; see `rovid.planar.validation`. One that fails is banned, and
+the result. Each cause then has to pass the held-out gate; see `rovid.planar.held_out`. One that fails is banned, and
 the search goes on without it. Thresholds are those of `rovid.diagnose.thresholds`.
 """
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
+from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.evidence import size_in_errors
 from rovid.diagnose.result import Conclusion, Finding
 from rovid.diagnose.thresholds import THRESHOLDS
@@ -24,11 +25,10 @@ from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import add_effect, planar_candidates, with_hull_lift
 from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined
 from rovid.planar.free_runs import better_simulating, fit_free_runs
-from rovid.planar.held_out import Parts, PlanarScores, noise_floors
+from rovid.planar.held_out import Gate, Parts, PlanarScores, noise_floors
 from rovid.planar.model import AXIS_NAMES
 from rovid.planar.optimum import PlanarOptimum, coordinates_without
 from rovid.planar.search import PlanarSearch
-from rovid.planar.validation import Gate, challengers, is_at_bound, validated
 
 # Most suspects of a result.
 _MOST_SUSPECTS = 3
@@ -69,7 +69,9 @@ def diagnose_planar(
 ) -> PlanarDiagnosis:
     """Find the causes that the planar base model misses, within the ``budget``; ``report`` is called with each step."""
     own = replace(budget or Budget(), report=report)
-    if missing := _missing(data):
+    forces = np.concatenate([run.forces().force for run in data.runs])
+    if not np.any(forces != 0.0) and not data.actuators.rudders:
+        missing = "no thruster ever runs: there is no force to explain the motion with. Log a run under thrust."
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
     report("Fitting surge, sway and yaw together …")
     try:
@@ -96,7 +98,7 @@ def diagnose_planar(
         model = _agreeing(search, _selected(search), {one.effect.id for one in likelier})
     report("Validating on held-out parts …")
     gate = Gate(search, parts)
-    model, tested, rejected = validated(search, gate, model)
+    model, tested, rejected = _validated(search, gate, model)
     return _result(gate, model, tested, rejected, likelier)
 
 
@@ -141,14 +143,6 @@ def _agreeing(search: PlanarSearch, model: PlanarOptimum, likelier: Collection[s
     return model
 
 
-def _missing(data: PlanarData) -> str:
-    """Message on what the logs lack before any fit; empty if nothing."""
-    forces = np.concatenate([run.forces().force for run in data.runs])
-    if not np.any(forces != 0.0) and not data.actuators.rudders:
-        return "no thruster ever runs: there is no force to explain the motion with. Log a run under thrust."
-    return ""
-
-
 def _too_short(data: PlanarData, parts: Parts, base: PlanarOptimum) -> str:
     """Message on logs too short to hold parts out; empty if long enough."""
     times = base.coordinates.sizes.time
@@ -162,6 +156,55 @@ def _too_short(data: PlanarData, parts: Parts, base: PlanarOptimum) -> str:
         f"{least:.0f} s, of which some are held out for validation. Record more runs of other kinds (straight runs at "
         "two speeds, sideways runs, turns both ways, a zigzag)."
     )
+
+
+def _validated(
+    search: PlanarSearch, gate: Gate, model: PlanarOptimum
+) -> tuple[PlanarOptimum, list[Finding], list[tuple[str, str]]]:
+    """The model with causes that pass the gate, their tests, and the id and a message for each rejection."""
+    messages: list[tuple[str, str]] = []
+    for _ in range(THRESHOLDS.max_rejections):
+        tested = [gate.tested(model, effect) for effect in search.causes(model)]
+        tested.sort(key=lambda one: one[0].bic_gain)
+        failed = next(((one, why) for one, growths in tested if (why := _rejection(model, one, growths))), None)
+        if failed is None:
+            return model, [one for one, _ in tested], messages
+        one, why = failed
+        messages.append((one.effect.id, f"{one.effect.title} {why}: it is not claimed."))
+        search.banned.add(one.effect.key)
+        rest = search.without(model, one.effect)
+        model = rest if search.budget.is_late else search.challenged(search.run(search.polish(rest)))
+    for effect in search.causes(model):
+        if why := _rejection(model, *gate.tested(model, effect)):
+            messages.append((effect.id, f"{effect.title} {why}: it is not claimed."))
+            model = search.polish(search.without(model, effect))
+    return model, [gate.tested(model, effect)[0] for effect in search.causes(model)], messages
+
+
+def _rejection(fitted: PlanarOptimum, tested: Finding, growths: Mapping[str, float]) -> str:
+    """Why a cause is never claimed; empty where it passes."""
+    if tested.held_out_gain <= THRESHOLDS.min_held_out_gain:
+        return f"fits these logs but predicts held-out parts worse (log-likelihood {tested.held_out_gain:.1f})"
+    if _is_at_bound(fitted, tested.effect):
+        return "would be larger than is physically plausible"
+    if tested.standard_errors < THRESHOLDS.min_standard_errors:
+        return f"differs from nothing by only {tested.standard_errors:.1f} standard errors"
+    name, growth = max(growths.items(), key=lambda one: one[1])
+    if growth > THRESHOLDS.held_out_growth:
+        return f"makes the errors of held-out simulations of the {name.replace('_', ' ')} {100.0 * growth:.0f} % larger"
+    if tested.probability < THRESHOLDS.likely:
+        return "is possible, but not established"
+    return ""
+
+
+def _is_at_bound(fitted: PlanarOptimum, effect: Effect) -> bool:
+    """Whether a parameter of ``effect`` is at a bound that is not its neutral value."""
+    for value, parameter in zip(fitted.x[fitted.place(effect)].tolist(), effect.parameters, strict=True):
+        span = 1e-3 * (parameter.high - parameter.low)
+        for bound in (parameter.low, parameter.high):
+            if abs(value - bound) <= min(span, 1e-3 * max(abs(bound), 1e-3)) and bound != parameter.neutral:
+                return True
+    return False
 
 
 # --- Result -----------------------------------------------------------------------------------------------------------
@@ -178,7 +221,7 @@ def _result(
 
     ``likelier``: Causes by the likelihood, where free-running simulations replaced it.
     """
-    search, parts, data = gate.search, gate.parts, gate.search.data
+    search, data = gate.search, gate.search.data
     late = bool(search.budget.not_tried)
     # Where the base model is not exact, a coupling of another form may fit as well as the true one.
     formless = [one for one in tested if model.is_multi_step and isinstance(one.effect.acts, Coupling)]
@@ -200,22 +243,21 @@ def _result(
     base_fit = fit if not search.causes(final) else planar_result(data, search.base)
     findings, suspects = [], []
     for one in established:
-        if _is_refused(fit, one.effect):
+        if not set(fit.estimate.refused).isdisjoint(one.effect.parameter_names[: one.effect.size_count]):
             messages = [*messages, f"{one.effect.title} shows, but these logs do not determine its size."]
         own = fit.estimate.only(one.effect.parameter_names)
         findings.append(replace(one, estimate=own, is_complete=not late))
     likely = planar_result(data, model).estimate if len(findings) < len(tested) else fit.estimate
     for one in tested:
         if one not in established:
-            own, probability = likely.only(one.effect.parameter_names), _as_suspect(one.probability)
+            own = likely.only(one.effect.parameter_names)
+            probability = min(one.probability, THRESHOLDS.max_suspect_probability)
             suspects.append(replace(one, estimate=own, probability=probability, is_complete=not late))
     rivals = [one for one in likelier if apart and one.effect.id not in {own.effect.id for own in tested}]
     suspects += [*rivals, *_further(search, gate, model, {one.effect.id for one in (*tested, *rivals)})]
     share = _ONE_OF_TWO if apart else 1.0
     suspects = [replace(one, probability=share * one.probability) for one in suspects]
-    floors = noise_floors(parts, final).scores
-    scores = gate.held_out(final).scores
-    base = PlanarAssessment(fit=base_fit, held_out=gate.held_out(search.base).scores)
+    floors = noise_floors(gate.parts, final).scores
     is_left = not fit.white and (fit.at_limit or min(fit.free_run_r2.values(), default=1.0) < INNOVATIONS_R2)
     verdict = "unexplained" if is_left else "nothing_found"
     if findings or suspects:
@@ -225,23 +267,25 @@ def _result(
         warnings.append(OUT_OF_TIME.format(search.budget.seconds))
     # Each effect that is not in the ``model``, with the smallest size of its best form that would be added.
     taken = {effect.id for effect in final.effects}
-    best: dict[str, tuple[Effect, float]] = {}
+    detectable: dict[str, tuple[Effect, float]] = {}
     for test in search.screen(final):
-        known = best.get(test.effect.id)
-        if test.effect.id not in taken and (known is None or not test.effect.form):
-            best[test.effect.id] = test.effect, test.detectable
-    detectable = tuple(best.values())
+        if test.effect.id not in taken and (test.effect.id not in detectable or not test.effect.form):
+            detectable[test.effect.id] = test.effect, test.detectable
+    shares = {}
+    for name, (size, _) in fit.disturbance.items():
+        force = float(final.coordinates.sizes.force[AXIS_NAMES.index(name)])
+        shares[name] = size**2 / (size**2 + force**2)
     return PlanarDiagnosis(
         verdict=verdict,
-        base=base,
-        extended=PlanarAssessment(fit=fit, held_out=scores),
+        base=PlanarAssessment(fit=base_fit, held_out=gate.held_out(search.base).scores),
+        extended=PlanarAssessment(fit=fit, held_out=gate.held_out(final).scores),
         findings=tuple(sorted(findings, key=lambda one: -one.gain)),
         suspects=tuple(sorted(suspects, key=lambda one: -one.probability)[:_MOST_SUSPECTS]),
-        challengers=challengers(search, final),
-        unexplained_shares=_unexplained(fit, final),
+        challengers=_challengers(search, final),
+        unexplained_shares=shares,
         noise_floors=floors.rmse,
         heading_floors=floors.heading_errors,
-        detectable=detectable,
+        detectable=tuple(detectable.values()),
         warnings=tuple(warnings),
         budget=search.budget.use,
     )
@@ -256,7 +300,9 @@ def _fitted_to_all_readings(
     """
     found, messages, complete = list[Finding](), list[str](), refined(model, search.data)
     for one in established:
-        if not _is_small(complete, one.effect):
+        own = complete.effect_estimate(one.effect)
+        errors = size_in_errors(one.effect, own.values, own.covariance, complete.coordinates.sizes.effects)
+        if errors >= THRESHOLDS.min_standard_errors_multi_step:
             found.append(one)
         else:
             messages.append(f"{one.effect.title} is too small in all readings: it is not established.")
@@ -265,29 +311,14 @@ def _fitted_to_all_readings(
     return found, model, complete, messages
 
 
-def _is_small(fitted: PlanarOptimum, effect: Effect) -> bool:
-    own = fitted.effect_estimate(effect)
-    errors = size_in_errors(effect, own.values, own.covariance, fitted.coordinates.sizes.effects)
-    return errors < THRESHOLDS.min_standard_errors_multi_step
-
-
 def _contradicted(tested: Sequence[Finding], likelier: Sequence[Finding]) -> list[Finding]:
     """Causes by free-running simulations that contradict the likelihood.
 
     It names other causes, and the logs distinguish them.
     """
     named = {one.effect.id for one in likelier}
-    return [
-        one for one in tested if named and named.isdisjoint({one.effect.id, *(e.id for e in one.indistinguishable)})
-    ]
-
-
-def _is_refused(fit: PlanarFit, effect: Effect) -> bool:
-    return any(name in fit.estimate.refused for name in effect.parameter_names[: effect.size_count])
-
-
-def _as_suspect(probability: float) -> float:
-    return min(probability, THRESHOLDS.max_suspect_probability)
+    pairs = [(one, {one.effect.id, *(e.id for e in one.indistinguishable)}) for one in tested]
+    return [one for one, own in pairs if named and named.isdisjoint(own)]
 
 
 def _further(search: PlanarSearch, gate: Gate, model: PlanarOptimum, known: Collection[str]) -> list[Finding]:
@@ -297,17 +328,15 @@ def _further(search: PlanarSearch, gate: Gate, model: PlanarOptimum, known: Coll
         return found
     for fitted in search.extensions(model):
         effect = fitted.effects[-1]
-        if not search.is_usable(fitted):
-            continue
-        if effect.id in known or effect.id in {one.effect.id for one in found}:
+        if not search.is_usable(fitted) or effect.id in {*known, *(one.effect.id for one in found)}:
             continue
         if search.score(fitted) - search.score(model) <= 0.0:
             break
         one, growths = gate.tested(fitted, effect)
-        probability = _as_suspect(one.probability)
+        probability = min(one.probability, THRESHOLDS.max_suspect_probability)
         if probability < THRESHOLDS.possible or one.standard_errors < THRESHOLDS.min_standard_errors_suspect:
             continue
-        if one.held_out_gain <= THRESHOLDS.min_held_out_gain or is_at_bound(fitted, effect):
+        if one.held_out_gain <= THRESHOLDS.min_held_out_gain or _is_at_bound(fitted, effect):
             continue
         if max(growths.values()) > THRESHOLDS.held_out_growth:
             continue
@@ -316,9 +345,14 @@ def _further(search: PlanarSearch, gate: Gate, model: PlanarOptimum, known: Coll
     return found
 
 
-def _unexplained(fit: PlanarFit, model: PlanarOptimum) -> dict[str, float]:
-    shares = {}
-    for name, (size, _) in fit.disturbance.items():
-        force = float(model.coordinates.sizes.force[AXIS_NAMES.index(name)])
-        shares[name] = size**2 / (size**2 + force**2)
-    return shares
+def _challengers(search: PlanarSearch, model: PlanarOptimum) -> tuple[Challenger, ...]:
+    """Other fitted sets of causes, the closest to the ``model`` first."""
+    found, own = [], {effect.key for effect in model.effects}
+    for fitted in search.fits.values():
+        if search.causes(fitted) and {effect.key for effect in fitted.effects} != own:
+            gain = model.value - fitted.value
+            found.append(Challenger(search.causes(fitted), gain, gain - (search.score(fitted) - search.score(model))))
+    shown: dict[Collection[str], Challenger] = {}
+    for one in sorted(found, key=lambda one: -one.score_difference):
+        shown.setdefault(frozenset(one.causes), one)
+    return tuple(shown.values())[: THRESHOLDS.challengers_shown]

@@ -1,16 +1,19 @@
-"""Effects that the planar model can hold, and its fits with further ones."""
+"""Effects that the planar model can hold, its fits with further ones, and places of sensors that rovid.toml lacks."""
 
 import math
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
+from rovid.core.formatting import plus_minus, round_to_error
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import ANGLE_FORMS, PLANAR_FORMS, Effect, effect_named, forms_for
 from rovid.effects.base import Actuating, Coupling, SensorPlace, WaterCurrent
+from rovid.estimate.estimate import Estimate
 from rovid.estimate.fisher_information import inverse_information
 from rovid.planar.dataset import PlanarData, has_hidden_sway
 from rovid.planar.free_runs import FreeRuns, misses_much
@@ -192,11 +195,46 @@ def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
     return (*(form for form in PLANAR_FORMS if form.key not in left_out), *actuators)
 
 
-@dataclass(frozen=True, eq=False)
-class PlanarScoreTest:
-    """Predicted gain of one form next to a model, by the score test (Rao 1948)."""
+def place_entries(estimate: Estimate, effects: tuple[Effect, ...], gain: float = 0.0) -> Iterator[str]:
+    """For each place among ``effects`` in the ``estimate``, the entry of rovid.toml; with a ``gain`` as a proposal."""
+    for effect in effects:
+        if not isinstance(effect.acts, SensorPlace):
+            continue
+        pairs = [(estimate.value(name), estimate.standard_error(name)) for name in effect.parameter_names]
+        (ahead, starboard), (x, y) = (([*(one(*pair) for pair in pairs)]) for one in (plus_minus, round_to_error))
+        words = effect.title.removeprefix("place of the ")
+        begin = f"The log-likelihood grows by {gain:.0f} with the {words}" if gain else f"The model has the {words}"
+        test = " `rovid diagnose --axes planar` compares this with other causes." if gain else ""
+        yield (
+            f"{begin} {ahead} m ahead and {starboard} m to starboard of the origin. Measure its place, and write "
+            f"position = [{x}, {y}] at {' and '.join(effect.acts.sensors)} in [signals] of rovid.toml.{test}"
+        )
 
-    effect: Effect
-    gain: float  #: Nats.
-    start: FloatArray  #: (k,) initial values of a fit, in units of the scales.
-    detectable: float  #: Smallest distance of the first size from its neutral value that a search would add, SI.
+
+def proposed_places(best: PlanarOptimum, data: PlanarData) -> Iterator[str]:
+    """Entries of rovid.toml for places that would improve a fit which misses something."""
+    has_place = any(isinstance(effect.acts, SensorPlace) for effect in best.effects)
+    if has_place or best.likelihood.grid.yaw_only or (best.is_white and not best.limited.any()):
+        return
+    likelihood = replace(best.likelihood, free_runs=None)
+    penalty = 0.5 * math.log(float(best.likelihood.grid.used.sum()))
+    for effect in planar_candidates(data):
+        if not isinstance(effect.acts, SensorPlace):
+            continue
+        count, at = len(effect.parameters), best.coordinates.noise_begin
+        needed = THRESHOLDS.bic_margin + penalty * count
+        extended = likelihood.with_coordinates(best.coordinates.with_effect(effect))
+        gradient, information = extended.equations(np.insert(best.x, at, np.zeros(count)))
+        rest = np.delete(np.arange(len(gradient)), range(at, at + count))
+        with_place, without = (
+            0.5 * float(gradient[own] @ inverse_information(information[np.ix_(own, own)]) @ gradient[own])
+            for own in (np.arange(len(gradient)), rest)
+        )
+        if with_place - without < needed:
+            continue
+        plain = PlanarOptimum.fit(likelihood, best.x) if best.is_multi_step else best
+        placed = plain.with_effect(effect)
+        # Where each disturbance stays at its limit, the place stands for something else that the model misses.
+        explains = placed.is_white or placed.limited.sum() < plain.limited.sum()
+        if explains and plain.value - placed.value > needed:
+            yield from place_entries(placed.effect_estimate(effect), (effect,), plain.value - placed.value)

@@ -16,7 +16,6 @@ from rovid.core.formatting import significant
 from rovid.estimate.candidate_runs import LEAD_SECONDS, CandidateRun, RunLimits
 from rovid.estimate.experiment_design import ExpectedInformation, ExperimentPlan
 from rovid.estimate.fisher_information import inverse_information
-from rovid.planar.coordinates import MAX_ERROR
 from rovid.planar.dataset import PlanarData, PlanarRun, slowest_interval, smooth_run
 from rovid.planar.fit import PlanarFit, planar_result
 from rovid.planar.free_runs import simulate_planar
@@ -24,7 +23,7 @@ from rovid.planar.likelihood import PlanarGrid, PlanarLikelihood
 from rovid.planar.model import AXIS_NAMES, SENSORS
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import START_STD
-from rovid.planar.uncertainty import parameter_scale
+from rovid.planar.uncertainty import MAX_ERROR, parameter_scale
 from rovid.trial.trial import Readings, Trial
 
 # Shares of the full demand; length of a run in longest time constants; that of a step in time constants and its least

@@ -12,18 +12,33 @@ from rovid.effects import Effect
 from rovid.effects.base import WaterCurrent
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
-from rovid.planar.coordinates import PlanarCoordinates, Undetermined, undetermined_directions
-from rovid.planar.dataset import PlanarData, has_hidden_sway, is_pushed, is_yaw_alone, measured_axes
-from rovid.planar.effect_fits import SHIP, SHIP_WARNING, add_effect, with_hull_lift, with_shape_error
+from rovid.planar.coordinates import PlanarCoordinates
+from rovid.planar.dataset import PlanarData, has_hidden_sway, is_pushed, is_yaw_alone, measured_axes, require_measured
+from rovid.planar.effect_fits import (
+    SHIP,
+    SHIP_WARNING,
+    add_effect,
+    place_entries,
+    proposed_places,
+    with_hull_lift,
+    with_shape_error,
+)
 from rovid.planar.free_runs import FreeRuns, better_simulating, free_run_r2, mean_free_run_r2
 from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import AXIS_NAMES, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.placement import place_entries, proposed_places
-from rovid.planar.prior import PriorUse
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values, with_own_sizes
-from rovid.planar.uncertainty import LOOSER, misfit_variance, parameter_scale, total_covariance, yaw_alone_covariance
+from rovid.planar.uncertainty import (
+    LOOSER,
+    PriorUse,
+    Undetermined,
+    misfit_variance,
+    parameter_scale,
+    total_covariance,
+    undetermined_directions,
+    yaw_alone_covariance,
+)
 
 _METHOD = "maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together"
 _METHOD_FREE_RUNS = "least squares of free-running simulations over some time constants, surge, sway and yaw together"
@@ -46,7 +61,6 @@ _MOST_LATENCY = 0.6
 _MOST_SECONDS = np.array([5.0 if name in {"north", "east"} else 1.0 for name in SENSORS])
 # Least rigid-body share of an inertia that is no warning: the thrust curve may be off.
 _LEAST_RIGID = 0.9
-
 
 _TURNS_ALONE = (
     "These runs turn the vehicle alone. Its hull sways freely in a turn: yaw.inertia is smaller than I by the square "
@@ -127,9 +141,8 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     criterion it is judged, see `better_simulating`.
     ``with_current``: a current is added next, so a coarse fit will do.
     """
-    _require_measured(data)
-    starts = start_values(data, with_current=False)
-    yaw_only = is_yaw_alone(data)
+    require_measured(data)
+    starts, yaw_only = start_values(data, with_current=False), is_yaw_alone(data)
     # Wide smoothing leaves the least of the forces, but may leave no inertia: the sizes come from a start that
     # simulates the runs nearly as well as any.
     scores = [mean_free_run_r2(start.model, data, yaw_only=yaw_only) for start in starts]
@@ -140,27 +153,25 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     grid = planar_grid(data, sizes, yaw_only=yaw_only, interval=_SEARCH_SHARE * float(sizes.time.min()))
     # A slipstream that one start leaves out is free in all.
     usual = max((start.model for start in starts), key=lambda model: sum(one.slipstream for one in model.rudders))
-    pairs = []
-    for start in starts:
-        coordinates = PlanarCoordinates.of(usual, sizes, sensors, (), DISTURBANCE_LIMITS[0], yaw_only=yaw_only)
-        likelihood = PlanarLikelihood(grid, coordinates)
-        pairs.append((likelihood, coordinates.projected(coordinates.initial(start.model, ()))))
+    coordinates = PlanarCoordinates.of(usual, sizes, sensors, (), DISTURBANCE_LIMITS[0], yaw_only=yaw_only)
+    likelihood = PlanarLikelihood(grid, coordinates)
+    points = [coordinates.projected(coordinates.initial(start.model, ())) for start in starts]
     # The likelihood of a start says little where the model is badly wrong: the best regression and the start that
     # simulates best are always followed.
     regressed = min(usable, key=lambda at: starts[at].residual)
-    likely = min(range(len(starts)), key=lambda at: pairs[at][0].value(pairs[at][1]))
+    likely = min(range(len(starts)), key=lambda at: likelihood.value(points[at]))
     hidden = has_hidden_sway(data) and not yaw_only
-    followed = [pairs[at] for at in dict.fromkeys([likely] if hidden else [likely, regressed])]
+    followed = [points[at] for at in dict.fromkeys([likely] if hidden else [likely, regressed])]
     runs = None if yaw_only else FreeRuns.of(data, sizes)
     if runs is not None:
-        for at in sorted(usable, key=lambda at: -scores[at])[: _HIDDEN_STARTS if hidden else 1]:
-            likelihood, x = pairs[at]
-            simulating = PlanarOptimum.fit(replace(likelihood, free_runs=runs), x, _START_ITERATIONS)
-            followed.append((likelihood, simulating.x))
+        simulating = replace(likelihood, free_runs=runs)
+        best_first = sorted(usable, key=lambda at: -scores[at])[: _HIDDEN_STARTS if hidden else 1]
+        followed += [PlanarOptimum.fit(simulating, points[at], _START_ITERATIONS).x for at in best_first]
     if data.prior is not None:
-        followed.append(pairs[-1])
+        followed.append(points[-1])
     # Without readings of the sway, a few steps do not tell which valley is deepest.
-    tried = [PlanarOptimum.fit(*one, _HIDDEN_ITERATIONS if hidden else _FIRST_ITERATIONS) for one in followed]
+    steps = _HIDDEN_ITERATIONS if hidden else _FIRST_ITERATIONS
+    tried = [PlanarOptimum.fit(likelihood, one, steps) for one in followed]
     best = min(tried, key=lambda one: one.value)
     _require_finite(best)
     if hidden:
@@ -211,26 +222,6 @@ def with_latencies(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     return best
 
 
-def _require_measured(data: PlanarData) -> None:
-    """Refuse headings alone where they cannot determine the yaw model, and rudders without propulsion."""
-    if not is_yaw_alone(data):
-        if not is_pushed(data):
-            raise DataError(
-                f"nothing pushes the vehicle but {data.actuators.rudder_names[0]}, which only turns it.",
-                mend="Enter its propulsion in [[thrusters]] of rovid.toml, or fit yaw alone without --axes planar.",
-            )
-        return
-    mend = "Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml."
-    if data.actuators.rudders:
-        name = data.actuators.rudder_names[0]
-        text = (
-            f"the force of {name} depends on the speed through the water, and these logs measure neither a speed nor "
-        )
-        raise DataError(f"{text}a position.", mend=mend)
-    if not any(run.forces().force[:, 2].any() for run in data.runs):
-        raise DataError("no actuator turns the vehicle in these logs, which measure the heading alone.", mend=mend)
-
-
 def refined(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     """The fit to all readings, from a fit to thinned ones; a fit of free runs, which have all readings, as it is."""
     if best.is_multi_step:
@@ -258,8 +249,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     _require_finite(best)
     model, coordinates = best.model, best.coordinates
     covariance = best.covariance if best.is_multi_step else total_covariance(best)
-    limited = tuple(name for name, at in zip(AXIS_NAMES, best.limited.tolist(), strict=True) if at)
-    multi_step = best.is_multi_step
+    limited = tuple(np.array(AXIS_NAMES)[best.limited].tolist())
     if best.likeliest is not None:
         # Two criteria that disagree: each has an unknown error of the model.
         shift = best.likeliest - model.values
@@ -288,10 +278,10 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         names=names,
         values=model.values,
         covariance=np.where(np.isfinite(covariance), covariance, 0.0),
-        method=_METHOD_FREE_RUNS if multi_step else _METHOD,
+        method=_METHOD_FREE_RUNS if best.is_multi_step else _METHOD,
         samples=int(best.likelihood.grid.used.sum()),
         refused=refused,
-        warnings=(*prior.contradictions, *_warnings(data, best, limited, r2, refused)),
+        warnings=(*prior.contradictions, *_warnings(data, best, latency, limited, r2, refused)),
         from_prior=prior.decided,
     )
     estimate = replace(estimate, warnings=(*place_entries(estimate, best.effects), *estimate.warnings))
@@ -311,7 +301,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         at_limit=limited,
         latency=latency,
         white=best.is_white,
-        multi_step=multi_step,
+        multi_step=best.is_multi_step,
         free_run_r2=r2,
         prior=prior,
     )
@@ -332,41 +322,40 @@ def _shown_latency(best: PlanarOptimum) -> dict[str, tuple[float, float]]:
 
 
 def _reason(name: str, axes: tuple[bool, bool, bool], *, is_ship: bool) -> str:
-    axis = name.partition(".")[0]
     if name == f"{SHIP}.length":
         return "it is held at twice the lever of the rudder"
     if is_ship and name.endswith("_drag"):
         return "it is left out: a ship's hull has damping in proportion to its speed, and forces of third order"
     if name.startswith("rudder"):
         return "the rudder is free, without a propeller ahead of it"
-    missing = [one for one, known in zip(AXIS_NAMES, axes, strict=True) if one in axis and not known]
-    if missing:
-        return f"neither a {missing[0]} velocity nor a position is measured"
+    for one, known in zip(AXIS_NAMES, axes, strict=True):
+        if one in name.partition(".")[0] and not known:
+            return f"neither a {one} velocity nor a position is measured"
     return "no actuator pushes the vehicle ahead or sideways in these runs"
 
 
 def _warnings(
-    data: PlanarData, best: PlanarOptimum, limited: tuple[str, ...], r2: Mapping[str, float], refused: Mapping[str, str]
+    data: PlanarData,
+    best: PlanarOptimum,
+    latency: Mapping[str, tuple[float, float]],
+    limited: Sequence[str],
+    r2: Mapping[str, float],
+    refused: Mapping[str, str],
 ) -> Iterator[str]:
-    for name, (late, _) in _shown_latency(best).items():
+    for name, (late, _) in latency.items():
         way, moved = ("late", "back") if late > 0.0 else ("early", "forward")
         yield f"The readings of {name} are {significant(abs(late), 2)} s {way}; the fit moves them {moved}."
-    multi_step = best.is_multi_step
     if best.likelihood.grid.yaw_only:
         yield _DRIFTS if is_pushed(data) else _TURNS_ALONE
     if SHIP in {effect.key for effect in best.effects}:
         yield SHIP_WARNING
-    looser = (
-        f" The standard errors include the change of the parameters under a limit {LOOSER:g} times as high."
-        if not multi_step
-        else ""
-    )
+    looser = f" The standard errors include the change of the parameters under a limit {LOOSER:g} times as high."
     for name in limited:
         yield (
             f"The disturbance in {name} would exceed its limit of {100 * DISTURBANCE_LIMITS[0]:.2g} % of the forces in "
-            f"use: the model misses an effect that these data show.{looser}"
+            f"use: the model misses an effect that these data show.{'' if best.is_multi_step else looser}"
         )
-    if multi_step:
+    if best.is_multi_step:
         yield (
             "The model misses too much for the likelihood of its innovations: the parameters are those of the best "
             "free-running simulation"

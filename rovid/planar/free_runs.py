@@ -22,6 +22,7 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.estimate.estimate import r_squared
 from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, MAX_R2_LOSS
+from rovid.model.bound_effects import BoundEffect
 from rovid.planar import dataset
 from rovid.planar.coordinates import PlanarSizes
 from rovid.planar.equations import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
@@ -61,8 +62,7 @@ class PlanarMotion:
     #: ``north``, ``east``: (n,) m.
     north: FloatArray
     east: FloatArray
-    #: (n, 3) u, v, r through the water.
-    through_water: FloatArray
+    through_water: FloatArray  #: (n, 3) u, v, r.
 
     @classmethod
     def simulated(
@@ -166,11 +166,11 @@ def estimated_start(model: PlanarModel, run: dataset.PlanarRun, *, yaw_only: boo
     for _ in range(_START_ITERATIONS):
         now = simulated(start)
         columns = [(simulated(start + steps * (np.arange(len(start)) == at)) - now) / steps[at] for at in free]
-        if not all(np.isfinite(column).all() for column in (now, *columns)):
-            # The model diverges within the readings.
-            return measured_start(run)
+        jacobian = np.column_stack(columns)
+        if not (np.isfinite(now).all() and np.isfinite(jacobian).all()):
+            return measured_start(run)  # The model diverges within the readings.
         # The least-norm step: components that these readings do not determine keep their values.
-        change = np.linalg.lstsq(np.column_stack(columns), weight * value - now, rcond=1e-9)[0]
+        change = np.linalg.lstsq(jacobian, weight * value - now, rcond=1e-9)[0]
         start = start + np.bincount(list(free), change, len(start))
     return start
 
@@ -180,8 +180,7 @@ def free_run_r2(model: PlanarModel, data: dataset.PlanarData, *, yaw_only: bool 
 
     Both come from readings of the same sensors through the same kernel.
     """
-    measured: list[FloatArray] = []
-    simulated: list[FloatArray] = []
+    measured, simulated = list[FloatArray](), list[FloatArray]()
     for run in data.runs:
         smooth = dataset.smooth_motion(run)
         if smooth is None:
@@ -196,10 +195,7 @@ def free_run_r2(model: PlanarModel, data: dataset.PlanarData, *, yaw_only: bool 
     if not measured:
         return {}
     whole, rest = np.concatenate(measured), np.concatenate(measured) - np.concatenate(simulated)
-    known = [
-        on and (not yaw_only or name == "yaw")
-        for name, on in zip(AXIS_NAMES, dataset.measured_axes(data.sensors), strict=True)
-    ]
+    known = (False, False, True) if yaw_only else dataset.measured_axes(data.sensors)
     return {name: r_squared(whole[:, at], rest[:, at]) for at, name in enumerate(AXIS_NAMES) if known[at]}
 
 
@@ -216,9 +212,8 @@ class FreeRuns:
 
     data: dataset.PlanarData
     width: float  #: s; standard deviation of the smoothing kernel.
-    smooth: tuple[
-        tuple[int, dataset.SmoothRun], ...
-    ]  #: Number of each run that is long enough, and its smoothed motion.
+    #: Number of each run that is long enough, and its smoothed motion.
+    smooth: tuple[tuple[int, dataset.SmoothRun], ...]
     offsets: IntArray  #: (w + 1,) first row of each window, and the number of all rows.
     scale: FloatArray  #: (3,) typical speeds.
     usual: FloatArray  #: (a,) typical changes of the measured speeds.
@@ -266,28 +261,23 @@ class FreeRuns:
         time = np.concatenate([one.time - begin for (_, one), begin in zip(self.smooth, first, strict=True)])
         return CriterionRows(np.repeat(run, count), np.repeat(time, count), np.tile(sensors, len(time)))
 
-    @staticmethod
-    def _held(each: Sequence[FloatArray]) -> FloatArray:
+    def _inputs(self, effects: tuple[BoundEffect, ...]) -> FloatArray:
+        """(n, k) inputs from each row to the next, with ``effects`` between command and thrust."""
+        each = [dataset.mean_inputs(self.data.runs[at], self.width, effects) for at, _ in self.smooth]
         means = [np.vstack((0.5 * (one[1:] + one[:-1]), one[-1:])) for one in each]
         return np.ascontiguousarray(np.concatenate(means))
 
-    def _inputs(self, model: PlanarModel) -> FloatArray:
-        """(n, k) inputs from each row to the next."""
-        effects = model.actuator_effects
-        if not effects:
-            return self._plain_inputs
-        return self._held([dataset.mean_inputs(self.data.runs[at], self.width, effects) for at, _ in self.smooth])
-
     @cached_property
     def _plain_inputs(self) -> FloatArray:
-        return self._held([dataset.mean_inputs(self.data.runs[at], self.width) for at, _ in self.smooth])
+        return self._inputs(())
 
     def _differences(self, model: PlanarModel) -> FloatArray:
         """(n, a) simulated minus measured speeds in SI; bounded where the simulation diverges."""
         time, speeds, starts = self._measured
         most = _LARGEST * self.usual
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            motion = PlanarMotion.simulated(model, self.offsets, time, self._inputs(model), starts, self.scale)
+            inputs = self._inputs(model.actuator_effects) if model.actuator_effects else self._plain_inputs
+            motion = PlanarMotion.simulated(model, self.offsets, time, inputs, starts, self.scale)
             found = np.column_stack(list(map(motion.sensor, AXIS_SPEEDS)))
             # The kernel of the measured speeds, over each run.
             ends = np.cumsum([len(run.time) for _, run in self.smooth])[:-1]
@@ -345,9 +335,9 @@ def fit_free_runs(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptimu
     held = [np.concatenate((found.x[:count], one[count:])) for one in coordinates.bounds]
     of_noise = best.likelihood.with_coordinates(replace(coordinates, low=held[0], high=held[1]))
     noise = PlanarOptimum.fit(replace(of_noise, free_runs=None), found.x, _NOISE_ITERATIONS)
-    if math.isfinite(noise.value):
-        found = replace(found, x=np.concatenate((found.x[:count], noise.x[count:])))
-    return found
+    if not math.isfinite(noise.value):
+        return found
+    return replace(found, x=np.concatenate((found.x[:count], noise.x[count:])))
 
 
 def misses_much(best: PlanarOptimum, data: dataset.PlanarData) -> bool:

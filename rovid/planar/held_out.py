@@ -1,7 +1,8 @@
-"""Held-out tests of planar models: predictions of parts of the logs by fits to the other parts.
+"""Held-out tests of planar models, and what they say of a cause in a diagnosis.
 
-Parts are whole runs if there are four or more, and otherwise equal pieces of the runs. A fold is every fourth part. The
-filter always runs through whole logs: a part is held out by leaving its readings out of the likelihood of the fit.
+Each part of the logs is predicted by a fit to the others. Parts are whole runs if there are four or more, and otherwise
+equal pieces of the runs. A fold is every fourth part. The filter always runs through whole logs: a part is held out by
+leaving its readings out of the likelihood of the fit.
 """
 
 import math
@@ -12,7 +13,11 @@ from functools import cached_property
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
+from rovid.diagnose.cross_validation import certain_growth
+from rovid.diagnose.evidence import posterior_probability, probability_not_a_stand_in, recalibrated, size_in_errors
+from rovid.diagnose.result import Finding, OtherCause
 from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.effects import Effect
 from rovid.estimate.fisher_information import negative_log_likelihoods
 from rovid.model.simulation import HORIZONS
 from rovid.planar.dataset import SMOOTHED_INTERVALS, PlanarData, measured_axes, slowest_interval, smooth_run
@@ -20,12 +25,14 @@ from rovid.planar.free_runs import PlanarMotion
 from rovid.planar.kernels import NOISE_SENSOR
 from rovid.planar.model import AXIS_SPEEDS, INPUT_COUNT, SENSORS
 from rovid.planar.optimum import Linearisation, PlanarOptimum, chord_fit
+from rovid.planar.search import PlanarSearch
 
 # Steps of a fit without a fold, from the fit to all readings.
 _FOLD_STEPS = 4
 _FOLDS = 4
 # Least time between two restarts in s, and most restarts.
 _RESTART, _MOST_WINDOWS = 15.0, 200
+_WORSENED = "With {}, {}: it is not established."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +143,6 @@ class HeldOut:
     """Predictions of all parts by one model."""
 
     parts: Parts
-    points: list[FloatArray]  #: Coordinates of each fold, fitted without it.
     gains: FloatArray  #: (parts,) log-likelihood of each part.
     squares: FloatArray  #: (windows, 5) mean square errors of the speeds, and square heading errors at the horizons.
 
@@ -179,21 +185,19 @@ class HeldOut:
 
 def held_out(parts: Parts, fitted: PlanarOptimum, line: Linearisation) -> HeldOut:
     """Predictions of all ``parts`` by the model ``fitted``, whose linearisation is ``line``."""
-    number = parts.of_innovations
-    folds = [np.arange(fold, parts.count, _FOLDS) for fold in range(min(_FOLDS, parts.count))]
-    points, gains = [], np.zeros(parts.count)
+    number, gains = parts.of_innovations, np.zeros(parts.count)
     squares = np.full((len(parts.windows), 3 + len(HORIZONS)), np.nan)
-    for fold in folds:
-        rows = ~np.isin(number, fold)
+    for fold in range(min(_FOLDS, parts.count)):
+        left_out = np.arange(fold, parts.count, _FOLDS)
+        rows = ~np.isin(number, left_out)
         own = chord_fit(fitted.likelihood, fitted.x, line.matrix.copy(), rows, steps=_FOLD_STEPS)
         innovations, states = fitted.likelihood.filtered(own.x, keep=True)
         each = -negative_log_likelihoods(innovations.error, innovations.variance)
-        for part in fold.tolist():
+        for part in left_out.tolist():
             gains[part] = float(each[number[: len(each)] == part].sum())
-        chosen = [at for at, (_, part, _, _) in enumerate(parts.windows) if part in fold]
-        squares[chosen] = window_errors(parts, PlanarOptimum(fitted.likelihood, own.x, own.value), states, chosen)
-        points.append(own.x)
-    return HeldOut(parts, points, gains, squares)
+        chosen = [at for at, (_, part, _, _) in enumerate(parts.windows) if part in left_out]
+        squares[chosen] = window_errors(parts, own, states, chosen)
+    return HeldOut(parts, gains, squares)
 
 
 def window_errors(
@@ -206,9 +210,9 @@ def window_errors(
     """
     grid, planar = model.likelihood.grid, model.model
     found = np.full((len(chosen), 3 + len(HORIZONS)), np.nan)
-    windows = [parts.windows[at] for at in chosen]
-    if not windows:
+    if not len(chosen):
         return found
+    windows = [parts.windows[at] for at in chosen]
     every = np.concatenate([np.arange(begin, end) for _, _, begin, end in windows])
     offsets = np.cumsum([0, *(end - begin for _, _, begin, end in windows)])
     inputs = grid.inputs(planar)[every]
@@ -222,13 +226,13 @@ def window_errors(
         motion = PlanarMotion.simulated(planar, offsets, time, forces, starts, grid.speed, yaw_only=grid.yaw_only)
         return np.column_stack(list(map(motion.sensor, ("heading", *AXIS_SPEEDS))))
 
-    motion = simulated(inputs)
-    reference = (
-        simulated(inputs + _random_forces(model, time, offsets, inputs.shape)) if disturbed else (parts.measured[every])
-    )
+    motion, reference = simulated(inputs), parts.measured[every]
+    if disturbed:
+        reference = simulated(inputs + _random_forces(model, time, offsets, inputs.shape))
     with np.errstate(invalid="ignore", over="ignore"):
         error = motion - reference
-        error[:, 0] = np.angle(np.exp(1j * error[:, 0])) if disturbed is False else error[:, 0]
+        if not disturbed:
+            error[:, 0] = np.angle(np.exp(1j * error[:, 0]))
     for at in range(len(windows)):
         own = slice(int(offsets[at]), int(offsets[at + 1]))
         elapsed = time[own] - time[own][0]
@@ -263,12 +267,108 @@ def _random_forces(model: PlanarOptimum, time: FloatArray, offsets: IntArray, sh
 def noise_floors(parts: Parts, fitted: PlanarOptimum) -> HeldOut:
     """Errors of a perfect model: what the fitted disturbance moves in the same windows, and the sensors' noise."""
     _, states = fitted.likelihood.filtered(fitted.x, keep=True)
-    every = list(range(len(parts.windows)))
-    squares = window_errors(parts, fitted, states, every, disturbed=True)
+    squares = window_errors(parts, fitted, states, range(len(parts.windows)), disturbed=True)
     noise = fitted.coordinates.noise(fitted.x)[NOISE_SENSOR : NOISE_SENSOR + len(SENSORS)]
     for axis, name in enumerate(AXIS_SPEEDS):
         if name in parts.data.sensors:
             squares[:, axis] += float(noise[SENSORS.index(name)]) ** 2
     if "heading" in parts.data.sensors:
         squares[:, 3:] += float(noise[SENSORS.index("heading")]) ** 2
-    return HeldOut(parts, [], np.zeros(parts.count), squares)
+    return HeldOut(parts, np.zeros(parts.count), squares)
+
+
+class Gate:
+    """Held-out predictions of models, computed once."""
+
+    def __init__(self, search: PlanarSearch, parts: Parts) -> None:
+        self.search, self.parts = search, parts
+        self._known: dict[frozenset[str], tuple[PlanarOptimum, HeldOut]] = {}
+
+    def held_out(self, fitted: PlanarOptimum) -> HeldOut:
+        """Held-out predictions of a model."""
+        key = frozenset(effect.key for effect in fitted.effects)
+        known = self._known.get(key)
+        if known is None or known[0] is not fitted:
+            known = self._known[key] = fitted, held_out(self.parts, fitted, self.search.line(fitted))
+        return known[1]
+
+    def tested(self, model: PlanarOptimum, effect: Effect) -> tuple[Finding, dict[str, float]]:
+        """What the tests say of one ``effect`` of the ``model``, and by how much it makes errors larger.
+
+        The estimate is that of the search. The growth of each held-out error is certain; see `certain_growth`.
+        """
+        search = self.search
+        rest = search.polish(search.without(model, effect))
+        bic_gain = search.score(model) - search.score(rest)
+        with_it, without = self.held_out(model), self.held_out(rest)
+        held_out_gain = with_it.log_likelihood - without.log_likelihood
+        estimate = model.effect_estimate(effect)
+        errors = size_in_errors(effect, estimate.values, estimate.covariance, model.coordinates.sizes.effects)
+        found: dict[str, OtherCause] = {}  # Other causes in the place of ``effect``, best first.
+        for one in search.replacements(model, effect):
+            other = one.effects[-1]
+            if other.id != effect.id and not search.is_banned(one):
+                found.setdefault(other.id, OtherCause(other, search.score(one) - search.score(rest)))
+        others = tuple(found.values())
+        close = bic_gain - THRESHOLDS.tie(max(bic_gain, 0.0))
+        equivalent = tuple(one.effect for one in others if one.bic_gain > close)
+        # Correlated innovations count as fewer: by the sandwich errors, the gain is half the square of the distance.
+        robust = bic_gain if model.is_white else min(bic_gain, 0.5 * errors**2)
+        gains = {effect.id: robust} | {one.effect.id: one.bic_gain + robust - bic_gain for one in others}
+        cap = probability_not_a_stand_in(held_out_gain, robust, white=model.is_white)
+        names = [effect.id, *(one.id for one in equivalent)]
+        probability = posterior_probability(gains, names, search.causes_tried, cap=cap)
+        probability = min(recalibrated(probability, white=model.is_white), THRESHOLDS.max_probability)
+        finding = Finding(
+            effect=effect,
+            estimate=estimate,
+            gain=rest.value - model.value,
+            bic_gain=bic_gain,
+            held_out_gain=held_out_gain,
+            standard_errors=errors,
+            probability=probability,
+            alternatives=others,
+            indistinguishable=equivalent,
+            white=model.is_white,
+        )
+        pairs = zip(with_it.by_part.T[:3], without.by_part.T[:3], strict=True)
+        growths = [certain_growth(own[:, None], other[:, None]) for own, other in pairs]
+        growths.append(certain_growth(with_it.by_part[:, 3:], without.by_part[:, 3:]))
+        return finding, dict(zip((*AXIS_SPEEDS, "heading"), growths, strict=True))
+
+    def established(
+        self, model: PlanarOptimum, tested: Sequence[Finding], sure: Sequence[Finding]
+    ) -> tuple[list[Finding], PlanarOptimum, list[str]]:
+        """The ``sure`` ones of the ``tested`` causes that make no held-out error larger; their model; messages."""
+        found, messages = list[Finding](), list[str]()
+        for one in tested:
+            rest = self.search.polish(self.search.without(model, one.effect))
+            worse = self._worsened(model, rest) if one in sure else ""
+            if one in sure and not worse:
+                found.append(one)
+                continue
+            model = rest
+            messages += [_WORSENED.format(one.effect.title, worse)] if worse else []
+        if found and (worse := self._worsened(model, self.search.base)):
+            messages.append(_WORSENED.format(" and ".join(one.effect.title for one in found), worse))
+            return [], self.search.base, messages
+        return found, model, messages
+
+    def _worsened(self, model: PlanarOptimum, other: PlanarOptimum) -> str:
+        """The held-out error of yaw rate or heading that is larger than with an ``other`` model, as text; or empty.
+
+        An error within the floors of a perfect model, that is larger by chance only, does not count.
+        """
+        if model is other:
+            return ""
+        own, rest = self.held_out(model), self.held_out(other)
+        named = ("the yaw rate", *(f"the heading after {horizon:g} s" for horizon in HORIZONS))
+        names = dict(enumerate(named, start=AXIS_SPEEDS.index("yaw_rate")))
+        growths = {at: own.errors[at] / rest.errors[at] - 1.0 for at in names if rest.errors[at] > 0.0}
+        for at in sorted(growths, key=lambda one: -growths[one]):
+            if growths[at] <= THRESHOLDS.held_out_growth:
+                break
+            by_chance = not certain_growth(own.by_part[:, [at]], rest.by_part[:, [at]])
+            if not by_chance or own.errors[at] > noise_floors(self.parts, model).errors[at]:
+                return f"the held-out error of {names[at]} is {100.0 * growths[at]:.0f} % larger"
+        return ""

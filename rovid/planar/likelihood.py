@@ -1,8 +1,15 @@
-"""Innovation likelihood of the planar model: runs as the arrays of the compiled loops, and their evaluation."""
+"""Criteria of the planar model: priors, runs as the arrays of the compiled loops, and the innovation likelihood.
+
+The prior of an inertia is normal in its logarithm, that of any other parameter in the parameter. Its negative logarithm
+is added to every criterion of the coupled model as one more error a parameter, with the variance of the prior. So all
+models of a search have the same penalty terms, and each difference of their criteria is a difference of log posterior
+densities. Held-out gains do not contain it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Self
@@ -11,12 +18,17 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.threads import thread_map
-from rovid.estimate import fisher_information
+from rovid.estimate.fisher_information import (
+    Innovations,
+    Jacobian,
+    NormalEquations,
+    jacobian_chunks,
+    total_negative_log_likelihood,
+)
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.equations import STATES
 from rovid.planar.kernels import NOISE_SENSOR, filter_runs
 from rovid.planar.model import SENSORS, PlanarModel, is_of_actuators
-from rovid.planar.prior import PlanarPrior
 
 if TYPE_CHECKING:
     from rovid.planar.dataset import PlanarData, PlanarRun
@@ -28,6 +40,70 @@ _STARTING = [SENSORS.index(name) for name in ("heading", "north", "east")]
 _OF_YAW = 2
 # s; stamps closer than this are one instant.
 _SAME_INSTANT = 1e-6
+# Largest coupling of sway and yaw in the inertia of a start.
+MAX_COUPLING = 0.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorValue:
+    """What is known of a parameter before the logs."""
+
+    value: float  #: SI.
+    standard_error: float  #: SI; of an inertia, the relative error is that of its logarithm.
+    source: str  #: For people, as "strip theory".
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarPrior:
+    """Independent priors of base parameters and of coefficients of rudders."""
+
+    values: Mapping[str, PriorValue]
+
+    @cached_property
+    def is_logarithm(self) -> BoolArray:
+        """(k,) whether the prior is one of a logarithm."""
+        return np.array([name.endswith(".inertia") and name != "sway_yaw.inertia" for name in self.values])
+
+    @cached_property
+    def _centre(self) -> FloatArray:
+        return np.array([one.value for one in self.values.values()])
+
+    @cached_property
+    def width(self) -> FloatArray:
+        """(k,) standard errors in the units of `scaled`."""
+        return np.array([one.standard_error for one in self.values.values()]) * self.slopes(self._centre)
+
+    def index(self, names: Sequence[str]) -> IntArray:
+        """(k,) place of each parameter among the ``names`` of a model."""
+        return np.array([names.index(name) for name in self.values], dtype=np.intp)
+
+    def scaled(self, values: FloatArray) -> FloatArray:
+        """(k,) logarithms of inertias, and the other ``values`` as they are."""
+        return np.where(self.is_logarithm, np.log(np.where(self.is_logarithm, values, 1.0)), values)
+
+    def slopes(self, values: FloatArray) -> FloatArray:
+        """(k,) derivatives of `scaled`."""
+        return 1.0 / np.where(self.is_logarithm, values, 1.0)
+
+    def start(self, model: PlanarModel) -> PlanarModel:
+        """The ``model`` with the values of the prior, and with a coupling of the inertias that these allow."""
+        values = model.values.copy()
+        values[self.index(model.names)] = self._centre
+        most = MAX_COUPLING * math.sqrt(values[1] * values[2])
+        values[3] = np.clip(values[3], -most, most)
+        return model.with_values(values)
+
+    def errors(self, coordinates: PlanarCoordinates, x: FloatArray) -> Innovations:
+        """(k,) differences of the parameters at ``x`` from the prior, and its variances."""
+        own = coordinates.values(x)[self.index(coordinates.base_names)]
+        return Innovations(self.scaled(own) - self.scaled(self._centre), self.width**2)
+
+    def jacobian(self, coordinates: PlanarCoordinates, x: FloatArray) -> FloatArray:
+        """(k, p) derivatives of `errors` by the coordinates, in the prior's standard errors; zeros for fixed ones."""
+        at, found = self.index(coordinates.base_names), np.zeros((len(self.values), len(x)))
+        slopes = self.slopes(coordinates.values(x)[at]) / self.width
+        found[:, : coordinates.noise_begin] = coordinates.value_jacobian(x)[at] * slopes[:, None]
+        return np.asarray(found * coordinates.free)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,7 +255,7 @@ class PlanarLikelihood:
         ends = (np.full(count, end) for end in (-1, 0.0, -1))
         return CriterionRows(*(np.concatenate(pair) for pair in zip(rows, ends, strict=True)))
 
-    def evaluate(self, x: FloatArray) -> fisher_information.Innovations:
+    def evaluate(self, x: FloatArray) -> Innovations:
         """(N,) innovations that count, in SI and rad, or errors of free runs, then those of the priors; variances."""
         if self.free_runs is not None:
             parts = [self.free_runs.errors(self.coordinates.model(x))]
@@ -187,9 +263,9 @@ class PlanarLikelihood:
             parts = [self.filtered(x)[0], self.coordinates.disturbance_errors(x)]
         if self.grid.prior is not None:
             parts.append(self.grid.prior.errors(self.coordinates, x))
-        return fisher_information.Innovations(*map(np.concatenate, zip(*parts, strict=True)))
+        return Innovations(*map(np.concatenate, zip(*parts, strict=True)))
 
-    def filtered(self, x: FloatArray, *, keep: bool = False) -> tuple[fisher_information.Innovations, FloatArray]:
+    def filtered(self, x: FloatArray, *, keep: bool = False) -> tuple[Innovations, FloatArray]:
         """Innovations that count, or errors of free runs, without priors; (n, 12) filtered states if asked for."""
         grid, model = self.grid, self.coordinates.model(x)
         # An effect far outside its range may give forces that are not finite: the likelihood is then the worst.
@@ -214,14 +290,14 @@ class PlanarLikelihood:
             variance,
             states,
         )
-        own = fisher_information.Innovations(error[grid.used], variance[grid.used])
+        own = Innovations(error[grid.used], variance[grid.used])
         if self.free_runs is not None:
             own = self.free_runs.errors(model)
         return own, states
 
-    def value_of(self, innovations: fisher_information.Innovations) -> float:
+    def value_of(self, innovations: Innovations) -> float:
         """Negative log-likelihood of ``innovations``."""
-        return fisher_information.total_negative_log_likelihood(innovations, 1.0)
+        return total_negative_log_likelihood(innovations, 1.0)
 
     def value(self, x: FloatArray) -> float:
         """Negative log-likelihood at ``x``."""
@@ -231,9 +307,7 @@ class PlanarLikelihood:
         """Negative log-likelihood at each of the ``points``, on all cores."""
         return thread_map(self.value, points)
 
-    def jacobian(
-        self, x: FloatArray, centre: fisher_information.Innovations | None = None
-    ) -> tuple[BoolArray, list[fisher_information.Jacobian]]:
+    def jacobian(self, x: FloatArray, centre: Innovations | None = None) -> tuple[BoolArray, list[Jacobian]]:
         """(p,) free coordinates, and Jacobians by these; ``centre`` are the innovations at ``x`` where known."""
         free = self.free
         steps = self.coordinates.steps(x)
@@ -245,18 +319,16 @@ class PlanarLikelihood:
         found = thread_map(self.evaluate, points)
         if centre is None:
             centre = found.pop()
-        return free, list(fisher_information.jacobian_chunks(centre, found, steps[free], 1.0))
+        return free, list(jacobian_chunks(centre, found, steps[free], 1.0))
 
-    def equations(
-        self, x: FloatArray, centre: fisher_information.Innovations | None = None
-    ) -> fisher_information.NormalEquations:
+    def equations(self, x: FloatArray, centre: Innovations | None = None) -> NormalEquations:
         """(p,) gradient and (p, p) Fisher information; zeros for fixed coordinates."""
         free, pieces = self.jacobian(x, centre)
-        own = fisher_information.NormalEquations.from_jacobians(pieces)
+        own = NormalEquations.from_jacobians(pieces)
         gradient, information = np.zeros(len(x)), np.zeros((len(x), len(x)))
         gradient[free] = own.gradient
         information[np.ix_(free, free)] = own.information
-        return fisher_information.NormalEquations(gradient, information)
+        return NormalEquations(gradient, information)
 
     @property
     def of_logs(self) -> Self:

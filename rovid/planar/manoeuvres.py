@@ -34,7 +34,7 @@ _SAME_THRESHOLD = 0.4
 _GRID, _REFINEMENTS = 25, 6
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ManoeuvreMeasure:
     """Value of one measure in ``unit``; the standard error is None where it is not known."""
 
@@ -46,7 +46,7 @@ class ManoeuvreMeasure:
 Measures = Mapping[str, ManoeuvreMeasure]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Track:
     """Motion relative to the water: (n,) arrays in s, m, rad, m/s and rad/s; NaN where not measured."""
 
@@ -64,8 +64,7 @@ class Track:
         return replace(self, **{name: value[first:last] for name, value in vars(self).items()})
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecognisedManoeuvre:
+class RecognisedManoeuvre(NamedTuple):
     """Rows ``first`` to ``last`` (excluded) of a track with a "turning_circle" or a "zigzag"."""
 
     kind: str
@@ -94,7 +93,7 @@ def turning_circle(track: Track) -> Measures:
 
     def add(name: str, value: float, unit: str, error: float | None = None) -> None:
         if np.isfinite(value):
-            found[name] = ManoeuvreMeasure(value=value, unit=unit, standard_error=error)
+            found[name] = ManoeuvreMeasure(value, unit, error)
 
     add("advance", _when(turned, 0.5 * np.pi, along), "m")
     add("transfer", _when(turned, 0.5 * np.pi, across), "m")
@@ -163,14 +162,12 @@ def zigzag(track: Track) -> Measures:
         # The peak lies inside the section, or the run ended before it.
         if 0 < top < len(heading) - 1:
             peak, later = _peak(heading, top)
-            found[f"{name}_overshoot"] = ManoeuvreMeasure(value=peak - float(heading[0]), unit="rad")
+            found[f"{name}_overshoot"] = ManoeuvreMeasure(peak - float(heading[0]), "rad")
             seconds = float(np.interp(begin + top + later, np.arange(len(track.time)), track.time) - track.time[begin])
-            found[f"{name}_overshoot_time"] = ManoeuvreMeasure(value=seconds, unit="s")
-        reach = float(track.time[begin] - track.time[0])
-        found[f"{name}_execute_time"] = ManoeuvreMeasure(value=reach, unit="s")
+            found[f"{name}_overshoot_time"] = ManoeuvreMeasure(seconds, "s")
+        found[f"{name}_execute_time"] = ManoeuvreMeasure(float(track.time[begin] - track.time[0]), "s")
     if len(reversals) > 2:
-        period = float(track.time[reversals[2]] - track.time[reversals[0]])
-        found["period"] = ManoeuvreMeasure(value=period, unit="s")
+        found["period"] = ManoeuvreMeasure(float(track.time[reversals[2]] - track.time[reversals[0]]), "s")
     return found
 
 
@@ -229,14 +226,10 @@ def nomoto(track: Track, unit: str = "1/s") -> Measures:
     variance = float(residual @ residual) / max(len(rate) - 4, 1) * _correlation_length(residual)
     errors = np.sqrt(variance * np.diag(np.linalg.inv(normal)))
     gain, offset = float(solution[0]), float(solution[1])
-    measures = {
-        "K": ManoeuvreMeasure(value=gain, unit=unit, standard_error=float(errors[0])),
-        "T": ManoeuvreMeasure(value=constant, unit="s", standard_error=float(errors[3])),
-    }
+    measures = {"K": ManoeuvreMeasure(gain, unit, float(errors[0]))}
+    measures["T"] = ManoeuvreMeasure(constant, "s", float(errors[3]))
     if gain != 0.0:
-        measures["neutral_steering"] = ManoeuvreMeasure(
-            value=-offset / gain, unit="steering", standard_error=float(errors[1] / abs(gain))
-        )
+        measures["neutral_steering"] = ManoeuvreMeasure(-offset / gain, "steering", float(errors[1] / abs(gain)))
     return measures
 
 
@@ -298,7 +291,7 @@ def recognise(track: Track) -> list[RecognisedManoeuvre]:
         is_full = abs(track.heading[last - 1] - track.heading[order.first]) >= _FULL_TURN
         if is_zigzag or (is_full and _starts_straight(track, order.first, last)):
             kind = "zigzag" if is_zigzag else "turning_circle"
-            found.append(RecognisedManoeuvre(kind=kind, first=order.first, last=last, steering=order.steering))
+            found.append(RecognisedManoeuvre(kind, order.first, last, order.steering))
         index += len(chain) if is_zigzag else 1
     return found
 
@@ -394,7 +387,5 @@ def with_errors(
                 variances[name] += ((ahead[name].value - back[name].value) / (2.0 * step)) ** 2
             else:
                 variances[name] = np.nan
-    return {
-        name: replace(one, standard_error=float(np.sqrt(variances[name])) if np.isfinite(variances[name]) else None)
-        for name, one in at.items()
-    }
+    errors = {name: float(np.sqrt(one)) if np.isfinite(one) else None for name, one in variances.items()}
+    return {name: replace(one, standard_error=errors[name]) for name, one in at.items()}

@@ -23,7 +23,6 @@ from rovid.effects import PLANAR_FORMS, Effect
 from rovid.effects.base import SensorPlace, WaterCurrent
 from rovid.estimate.fisher_information import inverse_information
 from rovid.planar.dataset import PlanarData
-from rovid.planar.effect_fits import PlanarScoreTest
 from rovid.planar.optimum import (
     Linearisation,
     PlanarOptimum,
@@ -50,6 +49,16 @@ _CLOSE, _POLISHED = 0.25, 3
 _SHARE = 0.1
 
 Key = frozenset[str]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarScoreTest:
+    """Predicted gain of one form next to a model, by the score test (Rao 1948)."""
+
+    effect: Effect
+    gain: float  #: Nats.
+    start: FloatArray  #: (k,) initial values of a fit, in units of the scales.
+    detectable: float  #: Smallest distance of the first size from its neutral value that a search would add, SI.
 
 
 @dataclass(eq=False)
@@ -151,8 +160,7 @@ class PlanarSearch:
         likelihood = line.optimum.likelihood.with_coordinates(line.optimum.coordinates.with_effect(effect))
         at, residual = line.optimum.coordinates.noise_begin, residual_of(line.innovations)
         best: PlanarScoreTest | None = None
-        starts = effect.initial_values
-        for start in starts[:2] if isinstance(effect.acts, WaterCurrent) else starts:
+        for start in effect.initial_values[: 2 if isinstance(effect.acts, WaterCurrent) else None]:
             neutral = neutral_values(effect, start)
             step = next((p.step for p in effect.parameters if p.piecewise_constant), _PROBE)
             share = max(step, _PROBE) if step <= 1e-2 else 1.0
@@ -177,8 +185,7 @@ class PlanarSearch:
                 continue
             begin = neutral.copy()
             begin[: len(sizes)] += np.array(sizes) * np.clip(shift, -5.0, 5.0)
-            low = np.array([one.low for one in effect.parameters])
-            high = np.array([one.high for one in effect.parameters])
+            low, high = np.array([(one.low, one.high) for one in effect.parameters]).T
             needed = 2.0 * (self.threshold + self.penalty * len(start))
             unit = line.optimum.coordinates.sizes.effects.unit_size(effect.parameters[0])
             least = abs(sizes[0]) * math.sqrt(needed / max(float(power[0, 0]), 1e-300)) * unit
@@ -242,8 +249,7 @@ class PlanarSearch:
             circles = [np.array([speed, turn]) for speed in _SPEEDS for turn in turns.tolist()]
             starts, rest = [np.zeros(2), test.start, *circles], fitted.x
         coordinates = self.base.coordinates
-        kept = [one for one in self.causes(fitted) if one.id != effect.id]
-        for one in (*kept, effect):
+        for one in (*(one for one in self.causes(fitted) if one.id != effect.id), effect):
             coordinates = coordinates.with_effect(one)
         likelihood = fitted.likelihood.with_coordinates(coordinates)
         points = [coordinates.projected(np.concatenate((rest[:at], own, rest[at:]))) for own in starts]
@@ -283,12 +289,12 @@ class PlanarSearch:
             least = THRESHOLDS.screening_share * (self.penalty * len(test.effect.parameters) + self.threshold)
             if needed is not None:
                 least = THRESHOLDS.challenger_share * needed
-            group = groups.get(test.effect.id, [])
             # Forms that act alike in these logs have the same gain: one is enough.
-            alike = any(math.isclose(test.gain, one.gain, rel_tol=1e-6) for one in group)
+            alike = any(math.isclose(test.gain, one.gain, rel_tol=1e-6) for one in groups.get(test.effect.id, ()))
             if test.gain >= max(least, _SHARE * tests[0].gain) and not alike:
                 groups.setdefault(test.effect.id, []).append(test)
         found, since = [], self.budget.clock()
+        usual = min(float(np.median(np.diff(run.time))) for run in self.data.runs)
         # A place that rovid.toml lacks is tried first, with complete steps: causes imitate it.
         chosen = sorted(groups.values(), key=lambda group: not isinstance(group[0].effect.acts, SensorPlace))[:_CAUSES]
         for done, group in enumerate(chosen):
@@ -296,9 +302,12 @@ class PlanarSearch:
                 continue
             self.budget.tell("Fitting", done, len(chosen), since)
             forms = [test for test in group if not getattr(test.effect.acts, "wanders", False)]
-            found += [self.extended(fitted, test) for test in forms[:_FORMS]]
-        found = [one for one in found if not self.is_unresolved(one)]
-        found = [self.polish(one) if isinstance(one.effects[-1].acts, SensorPlace) else one for one in found]
+            for one in [self.extended(fitted, test) for test in forms[:_FORMS]]:
+                # A time below the usual interval of the logs is not resolved by them.
+                value = one.model.value(one.effects[-1].parameter_names[0])
+                if one.effects[-1].parameters[0].unit == "s" and 0.0 < value < usual:
+                    continue
+                found.append(self.polish(one) if isinstance(one.effects[-1].acts, SensorPlace) else one)
         wandering = [test for test in tests if getattr(test.effect.acts, "wanders", False)]
         best = max(found, key=self.score, default=fitted)
         # A current wanders only where a constant one explains most.
@@ -311,11 +320,6 @@ class PlanarSearch:
         if len(close) > 1:
             found = [*map(self.polish, close[:_POLISHED]), *(one for one in found if one not in close[:_POLISHED])]
         return sorted(found, key=lambda one: -self.score(one))
-
-    def is_unresolved(self, fitted: PlanarOptimum) -> bool:
-        """Whether the last effect is a time below the usual interval of the logs, which they do not resolve."""
-        size, value = fitted.effects[-1].parameters[0], fitted.model.value(fitted.effects[-1].parameter_names[0])
-        return size.unit == "s" and 0.0 < value < min(float(np.median(np.diff(run.time))) for run in self.data.runs)
 
     def run(self, start: PlanarOptimum) -> PlanarOptimum:
         """Add and remove causes from ``start`` on, until the model no longer changes."""
@@ -351,15 +355,13 @@ class PlanarSearch:
         for _ in range(THRESHOLDS.max_challenges):
             if not self.causes(model) or self.budget.skips("the final challenge"):
                 break
-            rivals = [one for one in self._rivals(model) if not self.is_banned(one)]
-            required = {
-                id(one): self.score(model)
-                + self.threshold * max(len(one.effects) - len(model.effects), 0)
-                + THRESHOLDS.exchange_gain
-                for one in rivals
-            }
-            better = sorted((one for one in rivals if self.score(one) > required[id(one)]), key=self.score)
-            best = next(filter(self.is_usable, reversed(better)), None)
+            better = []
+            for one in self._rivals(model):
+                further = self.threshold * max(len(one.effects) - len(model.effects), 0)
+                needed = self.score(model) + further + THRESHOLDS.exchange_gain
+                if self.score(one) > needed and not self.is_banned(one):
+                    better.append(one)
+            best = next(filter(self.is_usable, sorted(better, key=self.score, reverse=True)), None)
             if best is None:
                 break
             model = self.run(self.eliminated(self.polish(best)))
@@ -385,8 +387,7 @@ class PlanarSearch:
     def replacements(self, model: PlanarOptimum, effect: Effect) -> list[PlanarOptimum]:
         """Fits with another cause in the place of ``effect``, the best score first."""
         rest = self.without(model, effect)
-        lost = rest.value - model.value
-        found = self.extensions(rest, needed=lost)
+        found = self.extensions(rest, needed=rest.value - model.value)
         return [one for one in found if _key(one.effects) != _key(model.effects)]
 
     def is_banned(self, fitted: PlanarOptimum) -> bool:

@@ -7,7 +7,7 @@ A simulated manoeuvre starts on a straight course at the steady speed of a const
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -61,9 +61,8 @@ class SteeringSystem:
     def of(cls, data: PlanarData, model: PlanarModel) -> Self:
         """The steering of the runs. Raises DataError if the vehicle neither moves ahead nor turns in the runs."""
         held = [run.forces() for run in data.runs]
-        force = np.concatenate([one.force for one in held])
-        angle = np.concatenate([one.angle for one in held])
-        thrust = np.concatenate([one.slipstream_thrust for one in held])
+        names = ("force", "angle", "slipstream_thrust")
+        force, angle, thrust = (np.concatenate([getattr(one, name) for one in held]) for name in names)
         ahead = np.concatenate([simulate_planar(model, run).through_water[:, 0] for run in data.runs])
         speed = float(np.quantile(np.abs(ahead), _APPROACH))
         rudders = angle.shape[1]
@@ -125,10 +124,8 @@ def _rudder_rate(data: PlanarData) -> float:
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for run in data.runs:
         for angle in np.unwrap(run.trial.commands[:, data.actuators.angle_columns], axis=0).T:
-            moved = np.flatnonzero(np.diff(angle)) + 1
-            found.append(
-                (np.diff(angle)[moved - 1], np.diff(run.time)[moved - 1], np.diff(run.time[moved], prepend=-np.inf))
-            )
+            at = np.flatnonzero(np.diff(angle))
+            found.append((np.diff(angle)[at], np.diff(run.time)[at], np.diff(run.time[at + 1], prepend=-np.inf)))
     change, row, since = (np.concatenate(each) for each in zip(*found, strict=True)) if found else [np.zeros(0)] * 3
     if not data.actuators.rudders or not len(change):
         return math.inf
@@ -188,27 +185,15 @@ def _simulated(
     model: PlanarModel, system: SteeringSystem, start: FloatArray, steering: FloatArray, step: float
 ) -> Track:
     """Motion from (6,) ``start`` (heading, u, v, r, north, east; u is set on a straight course), in still water."""
-    still = replace(
-        model.of_vehicle, effects=tuple(one for one in model.of_vehicle.effects if one.effect.id != "current")
-    )
+    own = model.of_vehicle
+    still = replace(own, effects=tuple(one for one in own.effects if one.effect.id != "current"))
     first = start.copy()
     if not first[1:4].any():
         first[1] = system.approach_speed
     time = step * np.arange(len(steering), dtype=np.float64)
-    scale = np.array([system.approach_speed, system.approach_speed, 0.1])
-    offsets = np.array([0, len(time)])
-    held = system.inputs(still, steering)
-    motion = PlanarMotion.simulated(still, offsets, time, held, first[None], scale)
-    return Track(
-        time=time,
-        heading=motion.heading,
-        yaw_rate=motion.yaw_rate,
-        steering=steering,
-        north=motion.north,
-        east=motion.east,
-        surge=motion.surge_velocity,
-        sway=motion.sway_velocity,
-    )
+    scale, offsets = np.array([system.approach_speed, system.approach_speed, 0.1]), np.array([0, len(time)])
+    one = PlanarMotion.simulated(still, offsets, time, system.inputs(still, steering), first[None], scale)
+    return Track(time, one.heading, one.yaw_rate, steering, one.north, one.east, one.surge_velocity, one.sway_velocity)
 
 
 # ---- measures
@@ -283,8 +268,7 @@ def _is_same(one: ManoeuvreMeasure, other: ManoeuvreMeasure | None) -> bool:
     return other is not None and abs(other.value - one.value) <= _SENSITIVE * abs(one.value)
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunManoeuvre:
+class RunManoeuvre(NamedTuple):
     """A manoeuvre that was recognised in a run, as measured and as simulated freely from its start."""
 
     run: str
@@ -308,26 +292,15 @@ def run_manoeuvres(model: PlanarModel, data: PlanarData) -> list[RunManoeuvre]:
         if tracks is None:
             continue
         for one in recognise(tracks[0]):
-            measured, simulated = (_measures(track.part(one.first, one.last), one.kind, system) for track in tracks)
             begin, end = tracks[0].time[[one.first, one.last - 1]].tolist()
-            found.append(
-                RunManoeuvre(
-                    run=run.name,
-                    kind=one.kind,
-                    begin=begin,
-                    end=end,
-                    steering=one.steering,
-                    measured=measured,
-                    simulated=simulated,
+            both = []
+            for track in (each.part(one.first, one.last) for each in tracks):
+                is_circle = one.kind == "turning_circle"
+                both.append(
+                    turning_circle(track) if is_circle else {**zigzag(track), **nomoto(track, system.gain_unit)}
                 )
-            )
+            found.append(RunManoeuvre(run.name, one.kind, begin, end, one.steering, *both))
     return found
-
-
-def _measures(track: Track, kind: str, system: SteeringSystem) -> Measures:
-    if kind == "turning_circle":
-        return turning_circle(track)
-    return {**zigzag(track), **nomoto(track, system.gain_unit)}
 
 
 def _run_tracks(
@@ -370,16 +343,7 @@ def _track(
     for speed in (ahead * cosine - side * sine, ahead * sine + side * cosine):
         steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
         positions.append(np.concatenate(([0.0], np.cumsum(steps))))
-    return Track(
-        time=time,
-        heading=heading,
-        yaw_rate=rate,
-        steering=steering,
-        north=positions[0],
-        east=positions[1],
-        surge=ahead,
-        sway=side,
-    )
+    return Track(time, heading, rate, steering, *positions, ahead, side)
 
 
 def turning_curve(model: PlanarModel, system: SteeringSystem, length: float, points: int = 9) -> FloatArray:

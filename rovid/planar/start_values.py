@@ -17,7 +17,7 @@ from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS
 from rovid.planar import dataset
 from rovid.planar.coordinates import PlanarCoordinates, PlanarSizes
 from rovid.planar.equations import SURGE
-from rovid.planar.likelihood import PlanarGrid, PlanarLikelihood
+from rovid.planar.likelihood import MAX_COUPLING, PlanarGrid, PlanarLikelihood
 from rovid.planar.model import BASE_COUNT, INPUT_COUNT, RUDDER_INPUTS, PlanarModel, RudderModel
 from rovid.planar.optimum import PlanarOptimum
 
@@ -33,8 +33,6 @@ _MOST_POINTS, _FEW_POINTS = 3000, 600
 _GYRATION, _LEAST_GYRATION = 0.5, 0.15
 # Least yaw inertia of a regression that is believed, in that of a mass at a tenth of the squared radius of the turns.
 _LEAST_INERTIA = 1e-6
-# Largest coupling of sway and yaw in the inertia.
-_MAX_COUPLING = 0.8
 # Hulls that give a sway that is not measured: inertia over that of surge, and time constants over that of yaw.
 # With a rudder the unit of time is that of the way of its lever, and its lift counts in the mass over the lever.
 _SWAY_INERTIAS, _SWAY_TIMES, _LIFTS = (1.2, 2.0), (0.3, 1.0, 3.0, 10.0), (0.1, 0.3, 1.0)
@@ -280,7 +278,7 @@ def _bounded(columns: Sequence[FloatArray], target: FloatArray, free: tuple[int,
 
 
 def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: dataset.SmoothRun, number: int) -> FloatArray:
-    """(g, 3) forces of a rudder with a lift of 1; as `rovid.planar.reference.forces`."""
+    """(g, 3) forces of a rudder with a lift of 1; as `rovid.planar.equations.forces`."""
     u, v, r = rows.speeds.T
     angle, thrust = rows.inputs[:, INPUT_COUNT + RUDDER_INPUTS * number :][:, :RUDDER_INPUTS].T
     x, y = rudder.position
@@ -313,7 +311,7 @@ def _plausible(
     usual_inertia = max(base[:2].max() * (speed[:2].max() / max(speed[2], 1e-9)) ** 2 * 0.1, 1e-9)
     if not base[2] > _LEAST_INERTIA * usual_inertia:
         base[2] = usual_inertia
-    most = _MAX_COUPLING * math.sqrt(base[1] * base[2])
+    most = MAX_COUPLING * math.sqrt(base[1] * base[2])
     base[3] = min(max(base[3], -most), most) if axes[1] else 0.0
     u, v, r = rows.speeds.T
     across = base[1] * v + base[3] * r

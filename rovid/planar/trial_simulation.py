@@ -9,19 +9,12 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.model.simulation import HORIZONS, FitMeasures, fit_measures
 from rovid.planar.dataset import PlanarData, PlanarRun, is_yaw_alone, measured_axes, smooth_run
+from rovid.planar.equations import forces
 from rovid.planar.free_runs import PlanarMotion, estimated_start, simulate_planar
-from rovid.planar.model import AXIS_NAMES, PlanarModel
-from rovid.planar.reference import forces
+from rovid.planar.model import AXIS_NAMES, SENSORS, PlanarModel
 from rovid.trial.trial import Readings
 
-SENSOR_UNITS = {
-    "heading": "rad",
-    "yaw_rate": "rad/s",
-    "surge_velocity": "m/s",
-    "sway_velocity": "m/s",
-    "north": "m",
-    "east": "m",
-}
+SENSOR_UNITS = dict(zip(SENSORS, ("rad", "rad/s", "m/s", "m/s", "m", "m"), strict=True))
 # Speeds, which the measures of agreement are about.
 SPEEDS = ("yaw_rate", "surge_velocity", "sway_velocity")
 # s; interval over which a heading gives a rate, where none is logged. Measurement and simulation are treated alike.
@@ -143,8 +136,7 @@ def _rate(heading: Readings) -> Readings:
     time, values = heading.time, heading.values
     if len(time) <= _LEAST_STEPS:
         return Readings(time=time[:0], values=values[:0])
-    step = max(_LEAST_STEPS, round(_DIFFERENCE / float(np.median(np.diff(time)))))
-    step = min(step, len(time) - 1)
+    step = min(max(_LEAST_STEPS, round(_DIFFERENCE / float(np.median(np.diff(time))))), len(time) - 1)
     span = time[step:] - time[:-step]
     # Across a gap the quotient is a mean over another time.
     near = span < 2.0 * np.median(span)
@@ -169,9 +161,9 @@ def _restart_errors(
 
     A restart has the smoothed motion as measured, and the states of the actuators.
     """
-    smooth, nothing = smooth_run(run, _width(run)), (np.zeros(0), np.zeros(0))
+    smooth = smooth_run(run, _width(run))
     if smooth is None or smooth.time[-1] - smooth.time[0] < horizon:
-        return nothing
+        return np.zeros(0), np.zeros(0)
     begins = np.arange(smooth.time[0], smooth.time[-1] - horizon + 1e-9, horizon)
     first = np.searchsorted(run.time, begins)
     last = np.minimum(np.searchsorted(run.time, run.time[first] + horizon), len(run.time) - 1)
@@ -190,13 +182,13 @@ def _restart_errors(
         read("north", first), read("east", first),
     ])  # fmt: skip
     rows = np.concatenate([np.arange(begin, end + 1) for begin, end in zip(first, last, strict=True)])
-    ends = np.cumsum(last - first + 1)
+    offsets = np.concatenate(([0], np.cumsum(last - first + 1)))
     inputs = run.forces(model.actuator_effects).inputs[rows]
     speed = np.maximum(np.sqrt(np.mean(smooth.speeds**2, axis=0)), 1e-3)
-    offsets = np.concatenate(([0], ends))
     motion = PlanarMotion.simulated(model, offsets, run.time[rows], inputs, starts, speed, yaw_only=yaw_only)
-    heading = motion.heading[ends - 1] - read("heading", last)
-    track = np.hypot(motion.north[ends - 1] - read("north", last), motion.east[ends - 1] - read("east", last))
+    ends = offsets[1:] - 1
+    heading = motion.heading[ends] - read("heading", last)
+    track = np.hypot(motion.north[ends] - read("north", last), motion.east[ends] - read("east", last))
     return heading[has_heading], track[has_track]
 
 

@@ -1,22 +1,38 @@
-"""Covariance of a planar fit with the uncertainty of its disturbance, and the sizes that its errors are compared to."""
+"""Errors of a planar fit: covariance with further sources, what the data leave open, and what the prior decides."""
+
+from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
+from rovid.core.formatting import plus_minus
 from rovid.estimate.fisher_information import inverse_information
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, fit_likelihood
+from rovid.model.parameter_names import unit_of
 from rovid.planar.dataset import PlanarData
 from rovid.planar.kernels import NOISE_SENSOR
+from rovid.planar.likelihood import PlanarPrior, PriorValue
 from rovid.planar.model import AXIS_NAMES, BASE_COUNT
 from rovid.planar.optimum import PlanarOptimum
 from rovid.trial.preprocessing import prepare_trials
 
 # Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
 LOOSER = 2.5
+# Largest standard error of a determined combination, in units of its scale: three standard errors make one unit.
+MAX_ERROR = 1.0 / 3.0
+# Least share of a parameter in a combination that is listed; number that its sentence names next to the first one.
+_LEAST_SHARE, _NAMED = 0.1, 3
+# Largest variance over that by the logs alone, of a parameter that is said to come from the prior. A decision.
+_DECIDED = 0.5
+# Standard errors between the prior and the logs that are a contradiction.
+_CONTRADICTION = 3.0
+# Least share of the information on a parameter that is not the prior's, for a contradiction. A decision.
+_LEAST_OTHER = 0.02
 # Standard error of a logarithm of the disturbance that adds less than 5 % to other errors. By the law of total variance
 # a variance grows by twice its square at most.
 _KNOWN = 0.22
@@ -129,3 +145,118 @@ def parameter_scale(best: PlanarOptimum) -> FloatArray:
     # Of a rudder and of an effect its own size, if that is larger than the scale.
     scale[BASE_COUNT:] = np.maximum(scale[BASE_COUNT:], own[BASE_COUNT:])
     return scale
+
+
+@dataclass(frozen=True, kw_only=True)
+class Undetermined:
+    """A combination of parameters along which the data hardly change the likelihood."""
+
+    combination: Mapping[str, float]  #: Parameter -> its share in SI; the largest relative change is that of 1.
+    text: str  #: A sentence for people.
+
+
+def undetermined_directions(
+    names: Sequence[str], covariance: FloatArray, scale: FloatArray, free: BoolArray
+) -> tuple[tuple[Undetermined, ...], tuple[str, ...]]:
+    """Undetermined combinations, and the names of the parameters that are refused because of them.
+
+    ``names``, ``covariance``, ``scale``: (q,) parameters, (q, q) covariance and (q,) typical sizes in SI.
+    ``free``: (q,) parameters that were estimated.
+    """
+    own = np.flatnonzero(free & (scale > 0.0))
+    scaled = covariance[np.ix_(own, own)] / np.outer(scale[own], scale[own])
+    if not np.isfinite(scaled).all():
+        return (), tuple(names[at] for at in own.tolist())
+    errors = np.sqrt(np.maximum(np.diag(scaled), 0.0))
+    refused = tuple(names[at] for at, error in zip(own.tolist(), errors, strict=True) if error > MAX_ERROR)
+    values, vectors = np.linalg.eigh(scaled)
+    found = []
+    for value, vector in sorted(zip(values, vectors.T, strict=True), key=lambda pair: -pair[0]):
+        if value <= MAX_ERROR**2:
+            break
+        shares = {names[at]: float(share) for at, share in zip(own.tolist(), vector, strict=True)}
+        largest = max(shares, key=lambda name: abs(shares[name]))
+        listed = {name: share / shares[largest] for name, share in shares.items()}
+        listed = {name: share for name, share in listed.items() if abs(share) >= _LEAST_SHARE}
+        # Many small errors may add up in a direction although each parameter is known well enough.
+        if not set(refused).isdisjoint(listed):
+            found.append(Undetermined(combination=listed, text=_text(listed)))
+    return tuple(found), refused
+
+
+def _text(listed: Mapping[str, float]) -> str:
+    if len(listed) == 1:
+        (name,) = listed
+        return f"{name} has next to no influence on what these runs measure."
+    first, *others = sorted(listed, key=lambda name: -abs(listed[name]))
+    parts = [f"{name} ({'together' if listed[name] > 0.0 else 'against it'})" for name in others[:_NAMED]]
+    if rest := len(others) - len(parts):
+        parts.append(f"{rest} more")
+    return (
+        f"These runs hardly change if {first} and {', '.join(parts)} change in proportion; only other combinations are "
+        "known."
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorUse:
+    """What the prior decided in a fit."""
+
+    values: Mapping[str, PriorValue] = field(default_factory=dict)
+    decided: tuple[str, ...] = ()  #: Parameters on which the logs alone hold less than half of the information.
+    only_by_prior: tuple[Undetermined, ...] = ()  #: Combinations that the logs alone do not determine.
+    contradictions: tuple[str, ...] = ()  #: Full sentences.
+
+    @classmethod
+    def of(cls, best: PlanarOptimum, covariance: FloatArray, scale: FloatArray, refused: Mapping[str, str]) -> PriorUse:
+        """The use of the prior in a fit with this (q, q) ``covariance``; see `undetermined_directions`."""
+        prior = best.likelihood.grid.prior
+        if prior is None:
+            return cls()
+        names, coordinates = best.model.names, best.coordinates
+        free = coordinates.free[: coordinates.noise_begin]
+        alone = replace(best, likelihood=best.likelihood.of_logs)
+        combinations, _ = undetermined_directions(names, alone.covariance, scale, free)
+        most = _DECIDED * np.diag(alone.covariance)
+        smaller = (np.diag(best.covariance) <= most) & (most > 0.0)
+        decided = [name for name, one in zip(names, smaller, strict=True) if one and name not in refused]
+        at = prior.index(names)
+        known = prior.slopes(best.model.values[at]) * np.sqrt(np.diag(covariance)[at]) / prior.width
+        return cls(
+            values=prior.values,
+            decided=tuple(decided),
+            only_by_prior=tuple(one for one in combinations if not set(decided).isdisjoint(one.combination)),
+            contradictions=tuple(_contradictions(prior, best, known)),
+        )
+
+
+def _contradictions(prior: PlanarPrior, best: PlanarOptimum, known: FloatArray) -> Iterator[str]:
+    """Parameters whose prior the logs, and the other priors, contradict.
+
+    ``known`` are the (k,) standard errors of the fit, in those of the prior. The estimate without one prior follows
+    from the fit by the rules of normal densities; its error is that by the curvature at least.
+    """
+    rows = prior.jacobian(best.coordinates, best.x)
+    curved = np.einsum("ki,ij,kj->k", rows, inverse_information(best.equations.information), rows)
+    shifts = prior.errors(best.coordinates, best.x).error / prior.width
+    for number, (name, one) in enumerate(prior.values.items()):
+        share = 1.0 - float(curved[number])  # Of the information that is not the prior's.
+        if not rows[number].any() or share < _LEAST_OTHER:
+            continue
+        shift = float(shifts[number]) / share
+        error = max(float(known[number]), math.sqrt(float(curved[number]))) / math.sqrt(share)
+        apart = abs(shift) / math.hypot(error, 1.0)
+        if apart <= _CONTRADICTION:
+            continue
+        place = "by the logs"
+        if share < _DECIDED:  # Too far to extrapolate.
+            shift, error, place = float(shifts[number]), float(known[number]), "in the fit with the prior"
+        width, is_logarithm = float(prior.width[number]), bool(prior.is_logarithm[number])
+        value = one.value * math.exp(shift * width) if is_logarithm else one.value + shift * width
+        spread = error * width * (value if is_logarithm else 1.0)
+        yield (
+            f"The logs contradict the prior of {name} by {apart:.1f} standard errors: "
+            f"{plus_minus(one.value, one.standard_error)} {unit_of(name)} by {one.source}, "
+            f"{plus_minus(value, spread)} {unit_of(name)} {place}. Check the source and the thrust curves, or leave "
+            "this prior out."
+        )

@@ -22,8 +22,8 @@ from rovid.planar.diagnosis import PlanarDiagnosis, diagnose_planar
 from rovid.planar.effect_fits import planar_candidates
 from rovid.planar.experiment import PlanarPlan, plan_planar
 from rovid.planar.fit import PlanarFit, fit_all_readings, fit_planar
+from rovid.planar.likelihood import PlanarPrior, PriorValue
 from rovid.planar.model import BASE_COUNT, SNAME, PlanarModel, RudderModel
-from rovid.planar.prior import PlanarPrior, PriorValue
 from rovid.planar.start_values import planar_rudders
 from rovid.planar.trial_simulation import PlanarTrialSimulation, simulate_planar_trials
 from rovid.readers import read_campaign

@@ -17,10 +17,9 @@ from rovid.estimate.fisher_information import Innovations, Jacobian
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import _agreeing, _contradicted, diagnose_planar
 from rovid.planar.fit import fit_base
-from rovid.planar.held_out import HeldOut
+from rovid.planar.held_out import Gate, HeldOut
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
-from rovid.planar.validation import Gate
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.trial.trial import Campaign
 from tests.planar.vehicles import box_rov, campaign
@@ -149,14 +148,14 @@ def test_no_cause_is_established_that_makes_held_out_errors_larger(
         squares = np.tile([0.01, np.nan, 1e-4, 0.01, 0.09], (6, 1))
         # In one part of the six.
         squares[0, 2:4] *= np.maximum(1.0 + 6.0 * (np.array([of_rate, of_heading]) ** 2 - 1.0), 0.0)
-        return HeldOut(parts, [], np.zeros(6), squares)
+        return HeldOut(parts, np.zeros(6), squares)
 
     lag = named("thruster_lag")
     nothing, model = (SimpleNamespace(effects=effects) for effects in ((), (lag.effect,)))
     search: Any = SimpleNamespace(base=nothing, polish=lambda one: one, without=lambda *_: nothing)
     gate: Any = Gate(search, search)
     gate.held_out = lambda one: errors(rate, heading) if one is model else errors(1.0, 1.0)
-    monkeypatch.setattr("rovid.planar.validation.noise_floors", lambda *_: errors(floor, 1.0))
+    monkeypatch.setattr("rovid.planar.held_out.noise_floors", lambda *_: errors(floor, 1.0))
     found, final, messages = gate.established(model, [lag], [lag])
     assert (found, final) == (([], nothing) if text else ([lag], model))
     assert [text in message for message in messages] == [True] * bool(text)

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from rovid.core.array_types import FloatArray
 from rovid.effects import PLANAR_FORMS, effect_named
 from rovid.model.bound_effects import BoundEffect
-from rovid.planar import equations, kernels, reference
-from rovid.planar.log_cholesky import from_log_cholesky, log_cholesky
+from rovid.planar import equations, kernels
+from rovid.planar.coordinates import from_log_cholesky, log_cholesky
 from rovid.planar.model import SENSORS, PlanarModel, RudderModel
 
 BASE = np.array([30.0, 45.0, 3.0, 2.0, 10.0, 20.0, 2.0, 15.0, 40.0, 4.0])
@@ -77,7 +77,7 @@ def test_free_run_agrees_with_scipy(case: str) -> None:
         held = inputs[min(int(t / 0.1 + 1e-9), 399)]
         cosine, sine = np.cos(x[0]), np.sin(x[0])
         over_ground = np.array([x[1] * cosine - x[2] * sine, x[1] * sine + x[2] * cosine]) + current
-        return np.concatenate(([x[3]], reference.accelerations(model, x[1:4], held, np.zeros(3)), over_ground))
+        return np.concatenate(([x[3]], equations.accelerations(model, x[1:4], held, np.zeros(3)), over_ground))
 
     state = start.copy()
     state[1:3] -= rotated
@@ -100,7 +100,7 @@ def test_filter_agrees_with_the_reference(case: str) -> None:
     rng = np.random.default_rng(2)
     time, inputs = np.cumsum(rng.uniform(0.02, 0.1, count)), held_inputs(count, columns)
     start, start_std = np.array([0.3, 0.6, -0.05, 0.02, 1.0, 2.0]), np.full(3, 0.1)
-    truth = reference.simulate(model, time, inputs, start)
+    truth = equations.simulate(model, time, inputs, start)
     motion = dict(zip(SENSORS, (truth[:, [0, 3, 1, 2, 4, 5]]).T, strict=True))
     noise = dict(zip(SENSORS, (0.01, 0.02, 0.02, 0.03, 0.2, 0.3), strict=True))
     events: list[list[tuple[str, float]]] = []
@@ -108,7 +108,7 @@ def test_filter_agrees_with_the_reference(case: str) -> None:
         seen = [name for name in SENSORS if rng.uniform() < 0.4]
         events.append([(name, motion[name][k] + noise[name] * rng.normal()) for name in seen])
     disturbance = np.array([[2.0, 1.0, 0.3], [3.0, 2.0, 5.0]])
-    expected = reference.filter_innovations(
+    expected = equations.filter_innovations(
         model, time, inputs, events, start, start_std, disturbance, noise, substeps=8
     )
     numbers = np.concatenate((*disturbance, list(noise.values()), np.zeros(len(noise))))

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.effects import effect_named
-from rovid.planar.effect_fits import planar_candidates
+from rovid.planar.effect_fits import place_entries, planar_candidates, proposed_places
 from rovid.planar.fit import fit_base
 from rovid.planar.free_runs import simulate_planar
 from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.placement import place_entries, proposed_places
 from tests.planar.vehicles import box_rov, campaign
 
 PLACE = effect_named("sensor_place")

@@ -10,7 +10,8 @@ from rovid.effects import effect_named
 from rovid.planar.dataset import PlanarData
 from rovid.planar.fit import PlanarFit, fit_base, fit_planar
 from rovid.planar.held_out import Parts
-from rovid.planar.prior import PlanarPrior, PriorUse, PriorValue
+from rovid.planar.likelihood import PlanarPrior, PriorValue
+from rovid.planar.uncertainty import PriorUse
 from rovid.trial.vehicle import hull_parameters
 from tests.planar.vehicles import Truth, campaign
 

@@ -11,10 +11,10 @@ from scipy.optimize import brentq, fsolve
 from rovid.core.array_types import FloatArray
 from rovid.estimate.estimate import Estimate
 from rovid.planar.dataset import PlanarData, planar_data
+from rovid.planar.equations import accelerations
 from rovid.planar.fit import PlanarFit
 from rovid.planar.manoeuvres import ManoeuvreMeasure, Measures, with_errors
 from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
-from rovid.planar.reference import accelerations
 from rovid.planar.standard_manoeuvres import (
     SteeringSystem,
     model_manoeuvres,

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from rovid.core.errors import ConfigError
-from rovid.planar.prior import PriorValue
+from rovid.planar.likelihood import PriorValue
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.planar_study import planar_prior
 from rovid.store.study import config_files

@@ -9,13 +9,13 @@ from rovid.compare.planar_comparison import PlanarComparison
 from rovid.diagnose.result import first_experiment
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import unit_of, without_form
-from rovid.planar.coordinates import Undetermined
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
 from rovid.planar.manoeuvres import Measures
 from rovid.planar.standard_manoeuvres import RunManoeuvre, model_manoeuvres
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
+from rovid.planar.uncertainty import Undetermined
 from rovid.preflight.check import remark_document
 from rovid.preflight.planar_check import PlanarCheck
 from rovid.present.documents.diagnosis import conclusion_document
