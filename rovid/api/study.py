@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import math
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -12,7 +15,6 @@ from typing import Any, Self
 
 from rovid.api import records
 from rovid.api import results as to
-from rovid.api.notebook import notebook_progress
 from rovid.compare.campaign_fit import CampaignFit, campaign_from_study
 from rovid.compare.comparison import compare as compare_campaigns
 from rovid.core.budget import ProgressCallback
@@ -39,6 +41,21 @@ from rovid.store.study import Study, open_study, study_of
 from rovid.trial.axis import PLANAR, YAW, Axis, axis_named
 from rovid.trial.config import Config, config_from, find_config, load_config
 from rovid.trial.trial import Trial
+
+
+@contextlib.contextmanager
+def notebook_progress(first: str) -> Iterator[ProgressCallback]:
+    """A function that shows a line below the running cell, ``first`` and then others; silent outside a notebook."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    if not hasattr(shell, "kernel"):  # as in a script or in IPython's terminal
+        yield lambda _: None
+        return
+    display = importlib.import_module("IPython.display").display
+    shown = display({"text/plain": first}, raw=True, display_id=True)
+    try:
+        yield lambda line: shown.update({"text/plain": line}, raw=True)
+    finally:
+        shown.update({"text/plain": ""}, raw=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -116,7 +116,7 @@ def _compare_planar(given: list[Path], shared: SharedOptions, matters: float) ->
     """Compare two campaigns by the coupled model."""
     if not given:
         raise ConfigError("no campaign was given.", mend="Give one or two folders of logs or parameter files.")
-    from rovid.compare.planar_comparison import compare_planar, planar_campaigns
+    from rovid.compare.comparison import compare_planar, planar_campaigns
     from rovid.present.documents.planar import planar_comparison_document
     from rovid.present.terminal.planar import show_planar_comparison
 

@@ -1,9 +1,10 @@
-"""Comparison of two campaigns: changed parameters, changed causes, and cross-prediction of runs."""
+"""Comparison of two campaigns, along one axis or by the coupled model: changed parameters and causes, predictions."""
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -23,11 +24,23 @@ from rovid.compare.difference_tests import (
     change_candidates,
     find_changes,
 )
+from rovid.core.budget import ProgressCallback
+from rovid.core.errors import ConfigError
 from rovid.core.threads import thread_map
+from rovid.diagnose.result import Finding
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.effects.thruster_imbalance import EFFECT as IMBALANCE
 from rovid.model.model import Model
-from rovid.model.simulation import TrialSimulation, simulate_runs, simulation_errors
+from rovid.model.parameter_names import PLANAR_UNITS
+from rovid.model.simulation import FitMeasures, TrialSimulation, simulate_runs, simulation_errors
+from rovid.planar.diagnosis import PlanarDiagnosis
+from rovid.planar.trial_simulation import pooled_measures
+from rovid.store.load import read_parameters
+from rovid.store.parameter_file import Entry, Parameters
+from rovid.store.planar_study import PlanarStudy, open_planar_study, planar_effect, with_fit
+from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import PLANAR
 from rovid.trial.fault import fault_texts
 
 _SAME_LOGS = "both campaigns have the same logs, so all differences are those of the models"
@@ -37,7 +50,11 @@ _REQUIRED = ("inertia", DRAG)
 _ACTS = 3.0
 # p-value below which the difference that stays unexplained leaves the question open; a decision.
 _SIGNIFICANT = 1e-3
-Report = Callable[[str], None]
+# Probability of a false change among all parameters of a comparison by the coupled model without one; a decision.
+_FALSE_CHANGE = 0.01
+# Joint standard errors of a change that is detected in nearly all comparisons; a decision.
+_DETECTABLE = 4.0
+_INERTIAS = ("surge.inertia", "sway.inertia", "yaw.inertia")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,10 +62,9 @@ class CrossPrediction:
     """Free-running simulations of a campaign's runs by a model."""
 
     simulations: tuple[TrialSimulation, ...]
-    # rate_r2, rate_rmse: pooled over all runs
-    rate_r2: float
+    rate_r2: float  #: Pooled over all runs, as is ``rate_rmse``.
     rate_rmse: float
-    # Horizon in s -> RMS position error at that time after a restart; None if no run is long enough
+    #: Horizon in s -> RMS position error at that time after a restart; None if no run is long enough.
     position_errors: Mapping[float, float | None]
 
 
@@ -84,7 +100,7 @@ def compare(
     b: CampaignFit,
     *,
     relevant_change: float = RELEVANT_CHANGE,
-    report: Report = lambda _: None,
+    report: ProgressCallback = lambda _: None,
     budget: float | None = None,
 ) -> Comparison:
     """Compare two campaigns; logs are diagnosed if they are not yet, each within a ``budget`` in s.
@@ -101,26 +117,21 @@ def compare(
     weak = [effect.key for effect in effects if effect.id == IMBALANCE.id]
     changes = find_changes(pair, change_candidates(pair, weak, _remaining_thruster(a, effects)))
     report("Simulating the runs of each by the model of the other …")
-    both_logs = bool(a.runs and b.runs)
     late = [one.name for one in (a, b) if one.diagnosis is not None and one.diagnosis.is_cut_short]
-    questions = list(_open_questions(changes, relevant_change, only_in_one, both_logs=both_logs))
+    questions = list(_open_questions(changes, relevant_change, only_in_one, both_logs=bool(a.runs and b.runs)))
     if changes.changes and {log.sha256 for log in a.sources} == {log.sha256 for log in b.sources} != set():
         # No vehicle changes between two fits of the same logs.
         changes = replace(find_changes(pair, []), detectable_changes=changes.detectable_changes)
         questions = [_SAME_LOGS]
-    open_questions = (*map(cut_short, late), *questions)
+    open_questions = (*map(_cut_short, late), *questions)
+    verdict = "cannot_tell" if open_questions or changes.changes else "same"
     if changes.established:
         verdict = "changed"
-    elif open_questions or changes.changes:
-        verdict = "cannot_tell"
-    else:
-        verdict = "same"
     environmental = [{effect.id for effect in one.found_effects if effect.environmental} for one in (a, b)]
     # Simulations of each campaign's runs by each model, if the logs hold the signals of its effects.
     tasks: dict[tuple[str, str], tuple[Model, CampaignFit]] = {}
     for (name, campaign), (other_name, other) in itertools.product({"a": a, "b": b}.items(), repeat=2):
-        model = campaign.model
-        if model is None or not other.runs:
+        if (model := campaign.model) is None or not other.runs:
             continue
         if campaign is other or all(map(other.has_signals_for, model.effects)):
             tasks[name, other_name] = model, other
@@ -128,8 +139,7 @@ def compare(
     # Each warning once, with the names of its campaigns.
     campaigns: dict[str, list[str]] = {}
     for campaign, estimate in {a: in_a, b: in_b}.items():
-        study = campaign.study
-        remarks = [] if study is None else [*fault_texts(study.faults), *study.remarks()]
+        remarks = [] if (study := campaign.study) is None else [*fault_texts(study.faults), *study.remarks()]
         for text in dict.fromkeys((*remarks, *estimate.warnings)):
             campaigns.setdefault(text, []).append(campaign.name)
     return Comparison(
@@ -168,19 +178,17 @@ def _pair(a: SharedEstimate, b: SharedEstimate, environmental: Sequence[Effect])
 
 def _remaining_thruster(campaign: CampaignFit, effects: Sequence[Effect]) -> str:
     """Key of the only thruster without a gain among the ``effects``; empty if there is not exactly one."""
-    if not campaign.runs:
-        return ""
     with_gain = {effect.form for effect in effects if effect.id == IMBALANCE.id}
-    names = [thruster.name for thruster in campaign.vehicle.thrusters if thruster.curve is not None]
-    remaining = [name for name in names if name not in with_gain]
-    return f"{IMBALANCE.id}:{remaining[0]}" if with_gain and len(remaining) == 1 else ""
+    if not with_gain or not campaign.runs:
+        return ""
+    thrusters = [one for one in campaign.vehicle.thrusters if one.curve is not None and one.name not in with_gain]
+    return f"{IMBALANCE.id}:{thrusters[0].name}" if len(thrusters) == 1 else ""
 
 
-def cut_short(name: str) -> str:
+def _cut_short(name: str) -> str:
     """Clause on a diagnosis that ended before every cause was tried."""
-    return (
-        f"the diagnosis of {name} ended at the limit of its time, before every cause was tried: give a larger --budget"
-    )
+    text = "ended at the limit of its time, before every cause was tried: give a larger --budget"
+    return f"the diagnosis of {name} {text}"
 
 
 def _open_questions(
@@ -228,4 +236,164 @@ def _predict(model: Model, campaign: CampaignFit) -> CrossPrediction:
     errors = simulation_errors(simulations)
     return CrossPrediction(
         simulations=simulations, rate_r2=errors.r2, rate_rmse=errors.rate, position_errors=errors.position
+    )
+
+
+# ---- coupled model
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarCampaign:
+    """The parameters of one campaign, and its logs where there are any."""
+
+    name: str
+    parameters: Parameters
+    study: PlanarStudy | None = None
+    is_cut_short: bool = False  #: Whether its diagnosis ended before every cause was tried.
+    suspects: tuple[Finding, ...] = ()  #: Of its diagnosis.
+
+    @property
+    def doubts(self) -> Iterator[str]:
+        """Clauses on what may explain a difference of parameters without a change of the vehicle."""
+        if self.is_cut_short:
+            yield _cut_short(self.name)
+        if self.parameters.missing:
+            yield f"{self.name}: {self.parameters.missing}, so its parameters may stand for something else"
+        for one in self.suspects:
+            if one.probability >= THRESHOLDS.likely:
+                words = f"{one.effect.title} (confidence {one.probability:.2f})"
+                yield f"the diagnosis of {self.name} suspects {words}, which may explain differences"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarChange:
+    """One parameter in both campaigns."""
+
+    name: str
+    a: Entry
+    b: Entry
+    ratio: float  #: B over A; NaN where A is zero, and of directions.
+    standard_error: float  #: Of the ratio, or of the difference of directions.
+    confidence: float  #: Probability that the difference is no chance, allowing for the number of parameters.
+    changed: bool
+    difference: float = math.nan  #: B less A in rad, of directions.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanarComparison:
+    """Result of `rovid compare --axes planar`."""
+
+    verdict: str  #: "same", "changed" or "cannot_tell".
+    a: PlanarCampaign
+    b: PlanarCampaign
+    changes: tuple[PlanarChange, ...]
+    #: (model of, runs of), as ("a", "b") -> speed -> agreement; without logs absent.
+    predictions: Mapping[tuple[str, str], Mapping[str, FitMeasures]]
+    #: Inertia -> smallest relative change that nearly always would be found.
+    detectable: Mapping[str, float]
+
+    @property
+    def open_questions(self) -> list[str]:
+        """Clauses on what else may explain a difference, or was not tried."""
+        return [clause for side in (self.a, self.b) for clause in side.doubts]
+
+    @property
+    def changed(self) -> list[str]:
+        """Names of the changed parameters."""
+        return [change.name for change in self.changes if change.changed]
+
+    @property
+    def assumptions(self) -> Assumptions:
+        """Guesses that either campaign depends on."""
+        guesses = Assumptions()
+        for settings in (self.a.parameters.settings, self.b.parameters.settings):
+            guesses |= Assumptions() if settings is None else settings.assumptions
+        return guesses
+
+
+def planar_campaigns(
+    paths: tuple[Path, Path], report: ProgressCallback, budget: float | None = None
+) -> tuple[PlanarCampaign, PlanarCampaign]:
+    """The campaigns of two parameter files or folders of logs.
+
+    Folders are diagnosed, and fitted with the causes of either campaign; causes of one day stay with their own. Raises
+    ConfigError if a parameter file holds the parameters of one axis.
+    """
+    sides = [_opened(path, report, budget) for path in paths]
+    shared = [effect for _, _, effects, _ in sides for effect in effects if not effect.environmental]
+    found = []
+    for path, (stored, study, effects, diagnosis) in zip(paths, sides, strict=True):
+        parameters = stored or Parameters(path=path, axis=PLANAR)
+        if study is not None and stored is None:
+            report(f"Fitting {path.name} …")
+            fit = study.fit(tuple(dict.fromkeys((*shared, *effects))))
+            parameters = with_fit(parameters, fit, study.provenance)
+        late, suspects = (False, ()) if diagnosis is None else (diagnosis.is_cut_short, diagnosis.suspects)
+        found.append(PlanarCampaign(str(path), parameters, study, late, suspects))
+    return found[0], found[1]
+
+
+def _opened(
+    path: Path, report: ProgressCallback, budget: float | None
+) -> tuple[Parameters | None, PlanarStudy | None, list[Effect], PlanarDiagnosis | None]:
+    """A parameter file and its logs as far as they exist, or None and a folder's logs; causes; the diagnosis."""
+    if path.is_file():
+        stored = read_parameters(path)
+        if stored.axis is not PLANAR:
+            text = f"holds the parameters of {stored.axis.name}, but --axes is planar."
+            raise ConfigError(text, where=path, mend="Give the file of another fit.")
+        has_logs = stored.logs and all(log.exists() for log in stored.logs)
+        study = open_planar_study(stored.logs) if has_logs else None
+        return stored, study, list(map(planar_effect, stored.effects)), None
+    study = open_planar_study([path])
+    report(f"Diagnosing {path.name} …")
+    found = study.diagnosis(report, budget=budget)
+    effects = [] if found.extended is None else [one.effect for one in found.extended.fit.model.effects]
+    return None, study, effects, found
+
+
+def compare_planar(a: PlanarCampaign, b: PlanarCampaign, *, relevant_change: float) -> PlanarComparison:
+    """Compare two campaigns; a change of an inertia by ``relevant_change`` has to be detectable for "same"."""
+    ours, others = a.parameters.entries, b.parameters.entries
+    # A prior of both sides makes them alike.
+    names = [name for name in ours if name in others and not (ours[name].from_prior or others[name].from_prior)]
+    doubts = [*a.doubts, *b.doubts]
+    changes = tuple(_change(name, ours[name], others[name], len(names)) for name in names)
+    detectable = {one.name: _DETECTABLE * one.standard_error for one in changes if one.name in _INERTIAS}
+    if doubts:
+        # What a model misses changes its parameters, too.
+        changes = tuple(replace(change, changed=False) for change in changes)
+    undecided = doubts or not detectable or not all(limit <= relevant_change for limit in detectable.values())
+    verdict = "cannot_tell" if undecided else "same"
+    if any(change.changed for change in changes):
+        verdict = "changed"
+    predictions, sides = {}, {"a": a, "b": b}
+    for one, other in (("a", "b"), ("a", "a"), ("b", "b"), ("b", "a")):
+        if (study := sides[other].study) is not None:
+            predictions[one, other] = pooled_measures(study.simulate(study.model(sides[one].parameters)))
+    return PlanarComparison(verdict=verdict, a=a, b=b, changes=changes, predictions=predictions, detectable=detectable)
+
+
+def _change(name: str, a: Entry, b: Entry, count: int) -> PlanarChange:
+    joint, difference = math.hypot(a.standard_error, b.standard_error), b.value - a.value
+    is_direction, chance, ratio, error = name.endswith(".direction"), 1.0, math.nan, math.nan
+    if is_direction:
+        difference, error = math.remainder(difference, 2.0 * math.pi), joint
+    elif a.value:
+        ratio = b.value / a.value
+        error = math.hypot(b.standard_error / a.value, ratio * a.standard_error / a.value)
+    if 0.0 < joint < math.inf:
+        chance = min(1.0, count * math.erfc(abs(difference) / joint / math.sqrt(2.0)))
+    # Only the base parameters belong to the vehicle: a current or a constant force may differ from day to day.
+    key = "" if name in PLANAR_UNITS else name.rpartition(".")[0]
+    environmental = bool(key) and not key.startswith("rudder") and planar_effect(key).environmental
+    return PlanarChange(
+        name=name,
+        a=a,
+        b=b,
+        ratio=ratio,
+        standard_error=error,
+        confidence=1.0 - chance,
+        changed=chance < _FALSE_CHANGE and not environmental,
+        difference=difference if is_direction else math.nan,
     )

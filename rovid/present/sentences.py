@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rovid.compare.comparison import Comparison
+from rovid.compare.comparison import Comparison, PlanarComparison
 from rovid.compare.difference_tests import DRAG, THRUST_SCALE, ChangeCandidate, ParameterChange
-from rovid.compare.planar_comparison import PlanarComparison
 from rovid.control.control_law import paper_runs
 from rovid.control.design import ClosedLoopResult, ControllerDesign
 from rovid.control.tuning import PHASE_MARGIN, SENSITIVITY_PEAK

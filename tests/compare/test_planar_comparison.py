@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 
-from rovid.compare.planar_comparison import PlanarCampaign, compare_planar
+from rovid.compare.comparison import PlanarCampaign, compare_planar
 from rovid.diagnose.result import Finding
 from rovid.effects import effect_named
 from rovid.present.documents.planar import planar_comparison_document

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from rovid.compare.planar_comparison import PlanarComparison
+from rovid.compare.comparison import PlanarComparison
 from rovid.diagnose.result import first_experiment
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import unit_of, without_form

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from rovid.compare.planar_comparison import PlanarComparison
+from rovid.compare.comparison import PlanarComparison
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.result import UNIDENTIFIABLE
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
