@@ -16,10 +16,9 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import TextTemplates, python_docstring
 from rovid.core.output_files import export_mark
-from rovid.export.interface import PERIOD, ExportInput, ExportResult
+from rovid.export.interface import PERIOD, ExportInput, ExportResult, repeat_held, unit_forces
 from rovid.export.planar_input import PlanarInput
 from rovid.export.thruster_curves import THRUST_LAG, ThrusterCurve, number_list
-from rovid.export.verification import repeat_held, unit_forces
 
 STEP = 0.02  # s, of the simulator's main.py
 # Further terms of the equation of motion in Python, torque in N m.

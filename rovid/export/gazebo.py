@@ -28,10 +28,9 @@ from rovid.core.formatting import TextTemplates, identifiers, xml_attribute, xml
 from rovid.core.output_files import export_mark
 from rovid.effects.actuator_inputs import actuator_inputs
 from rovid.export.body_equation import BodyEquation, Scheme
-from rovid.export.interface import ExportInput, ExportResult
+from rovid.export.interface import ExportInput, ExportResult, simulation
 from rovid.export.planar_input import PlanarInput
 from rovid.export.thruster_curves import ThrusterUnit, curve_comment, number_list, thruster_inputs
-from rovid.export.verification import simulation
 from rovid.trial.trial import Trial
 
 _TEXTS = TextTemplates(__file__, "gazebo")

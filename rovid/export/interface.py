@@ -1,4 +1,4 @@
-"""Input and result of an exporter, for yaw alone and for surge, sway and yaw together."""
+"""Input and result of an exporter, for yaw alone and for surge, sway and yaw together; simulation with thrusters."""
 
 import math
 from abc import ABC, abstractmethod
@@ -13,12 +13,22 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.export.body_equation import BodyEquation, Scheme, yaw_equation
-from rovid.export.thruster_curves import NO_LAG, ThrusterCurve, ThrusterLag, ThrusterUnit, is_of_curve, thruster_curves
+from rovid.export.thruster_curves import (
+    COMMAND_LAG,
+    NO_LAG,
+    THRUST_LAG,
+    ThrusterCurve,
+    ThrusterLag,
+    ThrusterUnit,
+    is_of_curve,
+    thruster_curves,
+)
 from rovid.model.bound_effects import BoundEffect
 from rovid.model.model import Model
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
+from rovid.trial.numba_loops import first_order_sum
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster, Vehicle
 
@@ -72,6 +82,11 @@ class Subject(ABC):
     @abstractmethod
     def thrusters(self) -> tuple[Vehicle, FloatArray]:
         """The vehicle with its thrusters alone, and (k, 2) the smallest and largest command of each."""
+
+    @property
+    @abstractmethod
+    def units(self) -> list[ThrusterUnit]:
+        """Thrusters of the vehicle in a simulator, with their places."""
 
     @property
     def effects(self) -> dict[str, dict[str, float]]:
@@ -272,3 +287,60 @@ def export_input(stored: Parameters, study: Study | None) -> ExportInput:
         reference=reference,
         notes=(note,),
     )
+
+
+def repeat_held(values: FloatArray, step: float) -> FloatArray:
+    """(n*m, ...) of (n, ...) values that are held for `PERIOD`: one for each of its m steps."""
+    return np.repeat(values, round(PERIOD / step), axis=0)
+
+
+def first_order_lag(values: FloatArray, time_constant: float, step: float) -> FloatArray:
+    """First-order lag of (m,) ``values`` from zero, updated exactly before each step."""
+    if time_constant <= 0.0:
+        return values
+    fade = math.exp(-step / time_constant)
+    return first_order_sum((1.0 - fade) * values, fade)
+
+
+def unit_forces(
+    subject: Subject,
+    commands: FloatArray,
+    step: float,
+    units: Sequence[ThrusterUnit] | None = None,
+    lag: ThrusterLag = NO_LAG,
+    delay: float = 0.0,
+) -> FloatArray:
+    """(m, 3) forces along surge and sway, and torque in yaw, in each ``step`` in s under (n, k) ``commands``.
+
+    ``units``: Thrusters of the file; by default those of the ``subject``. ``delay`` in s acts between curve and lag.
+    """
+    names = [one.name for one in subject.vehicle.thrusters]
+    forces = np.zeros((len(commands) * round(PERIOD / step), 3))
+    for unit in subject.units if units is None else units:
+        curve = unit.curve
+        beyond = repeat_held(commands[:, names.index(curve.name)] - curve.neutral, step)
+        if lag.key == COMMAND_LAG:
+            beyond = first_order_lag(beyond, lag.time_constant, step)
+        thrust = curve(curve.neutral + beyond)
+        if delay:
+            thrust = np.concatenate([np.full(round(delay / step), thrust[0]), thrust])[: len(thrust)]
+        if lag.key == THRUST_LAG:
+            thrust = first_order_lag(thrust, lag.time_constant, step)
+        forces += np.outer(thrust, unit.lever)
+    return forces
+
+
+def simulation(
+    subject: Subject,
+    equation: BodyEquation,
+    units: Sequence[ThrusterUnit] | None = None,
+    lag: ThrusterLag = NO_LAG,
+    delay: float = 0.0,
+) -> Simulate:
+    """Simulation of ``equation`` with thrusters as in `unit_forces`."""
+
+    def simulate(commands: FloatArray) -> FloatArray:
+        forces = unit_forces(subject, commands, equation.step, units, lag, delay)
+        return equation.simulate(forces, every=round(PERIOD / equation.step))[:, -len(subject.velocities) :]
+
+    return simulate

@@ -19,7 +19,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import TextTemplates, xml_attribute
 from rovid.core.output_files import export_mark
 from rovid.export.body_equation import Scheme
-from rovid.export.interface import ExportInput, ExportResult
+from rovid.export.interface import ExportInput, ExportResult, simulation
 from rovid.export.planar_input import PlanarInput
 from rovid.export.thruster_curves import (
     THRUST_LAG,
@@ -29,7 +29,6 @@ from rovid.export.thruster_curves import (
     number_list,
     thruster_inputs,
 )
-from rovid.export.verification import simulation
 
 _TEXTS = TextTemplates(__file__, "stonefish")
 

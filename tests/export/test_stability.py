@@ -7,7 +7,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.export.body_equation import BodyEquation, Scheme, yaw_equation
-from rovid.export.stability import judge_stability
+from rovid.export.verification import judge_stability
 
 # Number of random speeds in the envelope for the check.
 STARTS = 40

@@ -9,8 +9,7 @@ import numpy as np
 
 from rovid.estimate.candidate_runs import CandidateRun
 from rovid.estimate.experiment_design import ExpectedInformation, ExperimentPlan
-from rovid.export.stability import Stability
-from rovid.export.verification import ExportLoss, Mismatch, VerifiedExport
+from rovid.export.verification import ExportLoss, Mismatch, Stability, VerifiedExport
 from rovid.model.simulation import simulate_runs
 from rovid.preflight.advice import Advice
 from rovid.preflight.check import LogCheck

@@ -17,8 +17,7 @@ import pytest
 from rovid.control.closed_loop import limit_cycle
 from rovid.control.design import ControllerDesign
 from rovid.export import FORMATS
-from rovid.export.stability import Stability
-from rovid.export.verification import ExportLoss, Mismatch, VerifiedExport
+from rovid.export.verification import ExportLoss, Mismatch, Stability, VerifiedExport
 from rovid.present.console import ResultTable
 from rovid.present.number_format import format_number
 from rovid.present.page import build
