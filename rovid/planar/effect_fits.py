@@ -82,10 +82,8 @@ def _with_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     for effect in map(effect_named, HULL_LIFT):
         x = np.insert(x, coordinates.noise_begin, np.zeros(len(effect.parameters)))
         coordinates = coordinates.with_effect(effect)
-    likelihood, penalty = (
-        best.likelihood.with_coordinates(coordinates),
-        0.5 * math.log(float(best.likelihood.grid.used.sum())),
-    )
+    likelihood = best.likelihood.with_coordinates(coordinates)
+    penalty = 0.5 * math.log(float(best.likelihood.grid.used.sum()))
     if best.is_white and not best.limited.any():
         # A score test (Rao 1948) of a model that explains its logs costs less than the fits.
         gradient, information = likelihood.equations(x)
@@ -181,18 +179,18 @@ def _current_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> li
 
 def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
     """All forms that the planar model can hold and these logs can show."""
-    thrusters = data.actuators.thrusters
     channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
-    acting = forms_for(thrusters, channels, [run.name for run in data.runs])
+    acting = forms_for(data.actuators.thrusters, channels, [run.name for run in data.runs])
     actuators = [form for form in acting if isinstance(form.acts, Actuating) and not form.instants]
     actuators += ANGLE_FORMS if len(data.actuators.angle_columns) else ()
     if not {"surge_velocity", "sway_velocity", "north", "east"} & set(data.sensors):
         return tuple(actuators)
-    left_out = {SHIP} if not data.actuators.rudders else set()
+    found = []
     for form in PLANAR_FORMS:
-        if isinstance(form.acts, SensorPlace) and not {*form.acts.sensors} <= {*data.sensors} - data.placed:
-            left_out.add(form.key)
-    return (*(form for form in PLANAR_FORMS if form.key not in left_out), *actuators)
+        unplaced = not isinstance(form.acts, SensorPlace) or {*form.acts.sensors} <= {*data.sensors} - data.placed
+        if unplaced and (form.key != SHIP or data.actuators.rudders):
+            found.append(form)
+    return (*found, *actuators)
 
 
 def place_entries(estimate: Estimate, effects: tuple[Effect, ...], gain: float = 0.0) -> Iterator[str]:
@@ -201,7 +199,7 @@ def place_entries(estimate: Estimate, effects: tuple[Effect, ...], gain: float =
         if not isinstance(effect.acts, SensorPlace):
             continue
         pairs = [(estimate.value(name), estimate.standard_error(name)) for name in effect.parameter_names]
-        (ahead, starboard), (x, y) = (([*(one(*pair) for pair in pairs)]) for one in (plus_minus, round_to_error))
+        (ahead, starboard), (x, y) = ([one(*pair) for pair in pairs] for one in (plus_minus, round_to_error))
         words = effect.title.removeprefix("place of the ")
         begin = f"The log-likelihood grows by {gain:.0f} with the {words}" if gain else f"The model has the {words}"
         test = " `rovid diagnose --axes planar` compares this with other causes." if gain else ""

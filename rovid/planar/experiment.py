@@ -4,7 +4,7 @@ Candidate runs are steps, sines, circles, zigzags, random levels and a square.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -34,7 +34,7 @@ _SEED = 20130401
 # Points of a thrust curve that is inverted, and least share of a unit demand that the thrusters can follow.
 _POINTS, _LEAST_SHARE = 401, 0.1
 # Duration in s and demands along surge, sway and yaw, -1 to 1.
-_Piece = tuple[float, tuple[float, float, float]]
+_Piece = tuple[float, Sequence[float] | FloatArray]
 # Largest predicted speed over the largest in the logs: beyond it the model is not known.
 _ENVELOPE = 1.5
 # Longest interval between instants of a command file in the shortest time constant, and the shortest in s.
@@ -143,13 +143,13 @@ def _programmes(axes: BoolArray, times: FloatArray, quarter: float) -> Iterator[
     for axis in np.flatnonzero(axes).tolist():
         unit, coast = np.eye(3)[axis], (0.5 * hold[axis], np.zeros(3))
         parts = [(hold[axis], unit), coast, (hold[axis], -unit), coast]
-        yield f"steps of {AXIS_NAMES[axis]} both ways, {hold[axis]:.0f} s each", [_piece(*one) for one in parts]
+        yield f"steps of {AXIS_NAMES[axis]} both ways, {hold[axis]:.0f} s each", parts
     rng = np.random.default_rng(_SEED)
     named = " and ".join(np.array(AXIS_NAMES)[axes].tolist())
     for word, typical in (("fast", 1.0), ("slow", 4.0)):
         lengths = max(typical * float(times[axes].min()), 0.5 * _SHORTEST_HOLD) * rng.uniform(0.5, 2.0, 16)
         levels = rng.uniform(-1.0, 1.0, (16, 3)) * axes
-        yield f"{word} random levels of {named}", list(map(_piece, lengths, levels))
+        yield f"{word} random levels of {named}", list(zip(lengths.tolist(), levels, strict=True))
     if axes[2]:
         for count in (3.0, 10.0):
             cycle = max(count * float(times[2]), _SHORTEST_HOLD)
@@ -162,11 +162,6 @@ def _programmes(axes: BoolArray, times: FloatArray, quarter: float) -> Iterator[
         yield f"zigzags at two speeds, {swing:.0f} s a swing", swings
         sides: list[_Piece] = [(hold[0], (1.0, 0.0, 0.0)), (quarter, (0.5, 0.0, 0.6))]
         yield f"square on about four headings, {hold[0]:.0f} s a side", sides * 4
-
-
-def _piece(seconds: float, demand: FloatArray) -> _Piece:
-    surge, sway, yaw = demand.tolist()
-    return float(seconds), (surge, sway, yaw)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

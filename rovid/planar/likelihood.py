@@ -140,8 +140,7 @@ class PlanarGrid:
     ) -> Self:
         """The runs of ``data``; of each sensor one reading in ``interval`` s, stamps moved back by its ``latency``."""
         late = np.zeros(len(SENSORS)) if latency is None else latency
-        times, offsets, sensors, values, used, numbers = [], [], [], [], [], []
-        count = 0
+        times, counts, parts = [], [], []
         for number, run in enumerate(data.runs):
             sensor, value = run.event_sensor, run.event_value
             stamp = run.time[run.event_index] - late[sensor]
@@ -154,26 +153,22 @@ class PlanarGrid:
             # Stamps that differ by rounding are one instant.
             time = time[np.diff(time, prepend=-1.0) > _SAME_INSTANT]
             index = np.searchsorted(time, stamp + _SAME_INSTANT, side="right") - 1
-            counts = np.bincount(index, minlength=len(time))
-            offsets.append(count + np.concatenate(([0], np.cumsum(counts)[:-1])))
-            count += len(index)
             counted = np.ones(len(index), dtype=bool)
             for one in _STARTING:
                 counted[np.flatnonzero(sensor == one)[:1]] = False
             times.append(time)
-            sensors.append(sensor)
-            values.append(value)
-            used.append(counted)
-            numbers.append(np.full(len(index), number))
+            counts.append(np.bincount(index, minlength=len(time)))
+            parts.append((sensor, value, counted, np.full(len(index), number)))
+        sensors, values, used, numbers = map(np.concatenate, zip(*parts, strict=True))
         return cls(
             runs=data.runs,
             offsets=np.cumsum([0, *map(len, times)]),
             time=np.concatenate(times),
-            event_offsets=np.concatenate((*offsets, [count])).astype(np.intp),
-            sensors=np.concatenate(sensors).astype(np.intp),
-            values=np.concatenate(values),
-            used=np.concatenate(used),
-            run_index=np.concatenate(numbers),
+            event_offsets=np.concatenate(([0], np.cumsum(np.concatenate(counts)))).astype(np.intp),
+            sensors=sensors.astype(np.intp),
+            values=values,
+            used=used,
+            run_index=numbers,
             starts=starts,
             start_std=start_std,
             speed=speed,
@@ -273,27 +268,12 @@ class PlanarLikelihood:
             inputs = grid.inputs(model) if any(map(is_of_actuators, self.coordinates.effects)) else grid.plain_inputs
         error, variance = np.empty((2, len(grid.values)))
         states = np.zeros((len(grid.time) if keep else 0, STATES))
-        filter_runs(
-            grid.offsets,
-            grid.time,
-            inputs,
-            grid.event_offsets,
-            grid.sensors,
-            grid.values,
-            grid.starts,
-            grid.start_std,
-            grid.speed,
-            grid.yaw_only,
-            model.coefficients,
-            self.coordinates.noise(x),
-            error,
-            variance,
-            states,
-        )
-        own = Innovations(error[grid.used], variance[grid.used])
+        readings = (grid.offsets, grid.time, inputs, grid.event_offsets, grid.sensors, grid.values)
+        begin = (grid.starts, grid.start_std, grid.speed, grid.yaw_only)
+        filter_runs(*readings, *begin, model.coefficients, self.coordinates.noise(x), error, variance, states)
         if self.free_runs is not None:
-            own = self.free_runs.errors(model)
-        return own, states
+            return self.free_runs.errors(model), states
+        return Innovations(error[grid.used], variance[grid.used]), states
 
     def value_of(self, innovations: Innovations) -> float:
         """Negative log-likelihood of ``innovations``."""

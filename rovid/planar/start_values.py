@@ -78,11 +78,9 @@ def start_values(data: dataset.PlanarData, *, with_current: bool) -> list[StartV
         start = _start(data, dataset.SmoothRun.stacked(runs, _MOST_POINTS), axes, with_current=with_current)
         if dataset.has_hidden_sway(data):
             slips = np.array([rudder.slipstream for rudder in start.model.rudders])
-            rows = min(
-                _with_sway(runs, start),
-                key=lambda rows: _regression(rows, np.ones(3, dtype=bool), start.model.rudders, slips)[0],
-            )
-            start = _start(data, rows, np.ones(3, dtype=bool), with_current=False)
+            every, rudders = np.ones(3, dtype=bool), start.model.rudders
+            rows = min(_with_sway(runs, start), key=lambda rows: _regression(rows, every, rudders, slips)[0])
+            start = _start(data, rows, every, with_current=False)
         found.append(start)
     if not found:
         text = f"the runs are too short: {max(run.duration for run in data.runs):.1f} s at most."
@@ -94,12 +92,8 @@ def start_values(data: dataset.PlanarData, *, with_current: bool) -> list[StartV
 
 def _smoothed(data: dataset.PlanarData, widths: Sequence[float]) -> Iterator[list[dataset.SmoothRun]]:
     """The runs through kernels of these ``widths`` in intervals of the slowest sensor, while they are long enough."""
-    intervals = [
-        float(np.median(np.diff(run.readings(name).time)))
-        for run in data.runs
-        for name in run.sensors
-        if len(run.readings(name).time) > 2
-    ]
+    stamps = [run.readings(name).time for run in data.runs for name in run.sensors]
+    intervals = [float(np.median(np.diff(time))) for time in stamps if len(time) > 2]
     if not intervals:
         raise DataError("no run has three readings of one sensor.", mend="Give longer logs.")
     for width in widths:
@@ -167,13 +161,11 @@ def _start(data: dataset.PlanarData, rows: dataset.SmoothRun, axes: BoolArray, *
     base, force, time = _plausible(values[:BASE_COUNT], relative, axes, lever)
     speed = np.sqrt(np.mean(relative.speeds**2, axis=0))
     speed = np.where(speed > 0.0, speed, max(speed.max(), 1e-6))
-    model = PlanarModel(
-        base=base,
-        rudders=tuple(
-            replace(rudder, lift=float(max(lift, 0.0)) or rudder.lift, slipstream=float(slip))
-            for rudder, lift, slip in zip(rudders, values[BASE_COUNT:], slipstreams, strict=True)
-        ),
-    )
+    found = [
+        replace(rudder, lift=float(max(lift, 0.0)) or rudder.lift, slipstream=float(slip))
+        for rudder, lift, slip in zip(rudders, values[BASE_COUNT:], slipstreams, strict=True)
+    ]
+    model = PlanarModel(base=base, rudders=tuple(found))
     return StartValues(model=model, current=current, force=force, speed=speed, time=time, residual=best)
 
 
@@ -203,12 +195,11 @@ def with_own_sizes(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptim
 
 def _slipstreams(rudders: tuple[RudderModel, ...], rows: dataset.SmoothRun) -> list[FloatArray]:
     """Slipstream factors to try: the given ones, or those that add a share of the squared speed."""
-    thrust = rows.inputs[:, INPUT_COUNT + 1 :: RUDDER_INPUTS]
+    thrust, given = rows.inputs[:, INPUT_COUNT + 1 :: RUDDER_INPUTS], np.array([one.slipstream for one in rudders])
     if not rudders or not thrust.any():
-        return [np.array([rudder.slipstream for rudder in rudders])]
+        return [given]
     squared = float(np.mean(rows.speeds[:, 0] ** 2))
     usual = np.sqrt(np.mean(thrust**2, axis=0))
-    given = np.array([rudder.slipstream for rudder in rudders])
     free = np.where(usual > 0.0, squared / np.maximum(usual, 1e-300), 0.0)
     return [np.where(given > 0.0, given, share * free) for share in (0.0, 0.5, 1.5)]
 
@@ -345,11 +336,8 @@ def planar_sizes(data: dataset.PlanarData, start: StartValues) -> PlanarSizes:
         noise[name] = found if found > 1e-6 * usual else _DEFAULT_NOISE * usual
     columns = data.actuators.thruster_columns
     trials = [replace(run.trial, commands=run.trial.commands[:, columns], past=None) for run in data.runs]
-    force, speed = start.force, start.speed
-    thrusters = data.actuators.thrusters
-    scales = effect_scales(
-        trials, thrusters if len(columns) else None, float(force[2]), float(speed[2]), float(time[2])
-    )
+    force, speed, thrusters = start.force.tolist(), start.speed.tolist(), data.actuators.thrusters
+    scales = effect_scales(trials, thrusters if len(columns) else None, force[2], speed[2], float(time[2]))
     if data.actuators.steered:  # Effects on commands act on the angles.
         angles = [run.trial.commands[:, data.actuators.angle_columns] for run in data.runs]
         scales = replace(scales, command=max(float(np.max(np.abs(angle))) for angle in angles) or scales.command)
@@ -358,9 +346,7 @@ def planar_sizes(data: dataset.PlanarData, start: StartValues) -> PlanarSizes:
         speed=start.speed,
         time=time,
         inertia=(start.model if data.prior is None else data.prior.start(start.model)).base[:3],
-        effects=replace(
-            scales, surge=float(speed[0]), sway=float(speed[1]), surge_force=float(force[0]), sway_force=float(force[1])
-        ),
+        effects=replace(scales, surge=speed[0], sway=speed[1], surge_force=force[0], sway_force=force[1]),
         noise=noise,
     )
 

@@ -114,15 +114,10 @@ def misfit_variance(best: PlanarOptimum, r2: Mapping[str, float], scale: FloatAr
     """
     limited = dict(zip(AXIS_NAMES, best.limited.tolist(), strict=True))
     shares = {name: 1.0 - value for name, value in r2.items() if value < INNOVATIONS_R2 and limited[name]}
-    own = [
-        max(
-            (share for axis, share in shares.items() if axis in ("sway_yaw" if name.startswith("rudder") else name)),
-            default=0.0,
-        )
-        for name in best.coordinates.base_names
-    ]
     found = np.zeros(len(scale))
-    found[: len(own)] = np.minimum(own, 1.0)
+    for at, name in enumerate(best.coordinates.base_names):
+        axes = "sway_yaw" if name.startswith("rudder") else name
+        found[at] = min(max((share for axis, share in shares.items() if axis in axes), default=0.0), 1.0)
     return np.asarray(found * scale**2 / 3.0)
 
 
