@@ -137,7 +137,7 @@ def planar_candidates_of(
     return runs
 
 
-def _programmes(axes: BoolArray, times: FloatArray, quarter: float) -> Iterator[tuple[str, list[_Piece]]]:
+def _programmes(axes: BoolArray, times: FloatArray, quarter: float) -> Iterator[tuple[str, Sequence[_Piece]]]:
     """Name and pieces of one period of each programme; a ``quarter`` turn takes so many s."""
     hold = np.maximum(_HOLD * times, _SHORTEST_HOLD).tolist()
     for axis in np.flatnonzero(axes).tolist():

@@ -339,11 +339,11 @@ def _track(
 ) -> Track:
     """The track with positions by integration of the velocities through the water."""
     cosine, sine = np.cos(heading), np.sin(heading)
-    positions = []
-    for speed in (ahead * cosine - side * sine, ahead * sine + side * cosine):
-        steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
-        positions.append(np.concatenate(([0.0], np.cumsum(steps))))
-    return Track(time, heading, rate, steering, *positions, ahead, side)
+    north, east = (
+        np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))))
+        for speed in (ahead * cosine - side * sine, ahead * sine + side * cosine)
+    )
+    return Track(time, heading, rate, steering, north, east, ahead, side)
 
 
 def turning_curve(model: PlanarModel, system: SteeringSystem, length: float, points: int = 9) -> FloatArray:
