@@ -294,7 +294,6 @@ class PlanarSearch:
             if test.gain >= max(least, _SHARE * tests[0].gain) and not alike:
                 groups.setdefault(test.effect.id, []).append(test)
         found, since = [], self.budget.clock()
-        usual = min(float(np.median(np.diff(run.time))) for run in self.data.runs)
         # A place that rovid.toml lacks is tried first, with complete steps: causes imitate it.
         chosen = sorted(groups.values(), key=lambda group: not isinstance(group[0].effect.acts, SensorPlace))[:_CAUSES]
         for done, group in enumerate(chosen):
@@ -302,12 +301,9 @@ class PlanarSearch:
                 continue
             self.budget.tell("Fitting", done, len(chosen), since)
             forms = [test for test in group if not getattr(test.effect.acts, "wanders", False)]
-            for one in [self.extended(fitted, test) for test in forms[:_FORMS]]:
-                # A time below the usual interval of the logs is not resolved by them.
-                value = one.model.value(one.effects[-1].parameter_names[0])
-                if one.effects[-1].parameters[0].unit == "s" and 0.0 < value < usual:
-                    continue
-                found.append(self.polish(one) if isinstance(one.effects[-1].acts, SensorPlace) else one)
+            found += [self.extended(fitted, test) for test in forms[:_FORMS]]
+        found = [one for one in found if not self.is_unresolved(one)]
+        found = [self.polish(one) if isinstance(one.effects[-1].acts, SensorPlace) else one for one in found]
         wandering = [test for test in tests if getattr(test.effect.acts, "wanders", False)]
         best = max(found, key=self.score, default=fitted)
         # A current wanders only where a constant one explains most.
@@ -320,6 +316,11 @@ class PlanarSearch:
         if len(close) > 1:
             found = [*map(self.polish, close[:_POLISHED]), *(one for one in found if one not in close[:_POLISHED])]
         return sorted(found, key=lambda one: -self.score(one))
+
+    def is_unresolved(self, fitted: PlanarOptimum) -> bool:
+        """Whether the last effect is a time below the usual interval of the logs, which they do not resolve."""
+        size, value = fitted.effects[-1].parameters[0], fitted.model.value(fitted.effects[-1].parameter_names[0])
+        return size.unit == "s" and 0.0 < value < min(float(np.median(np.diff(run.time))) for run in self.data.runs)
 
     def run(self, start: PlanarOptimum) -> PlanarOptimum:
         """Add and remove causes from ``start`` on, until the model no longer changes."""
