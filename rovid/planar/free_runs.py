@@ -227,11 +227,13 @@ class FreeRuns:
         found = [(at, one) for at, run in enumerate(data.runs) if (one := dataset.smooth_run(run, width)) is not None]
         if not found:
             return None
-        begin, offsets = 0, [0]
+        offsets = [0]
         for _, run in found:
-            count = math.ceil(float(run.time[-1] - run.time[0]) / (_WINDOW * float(sizes.time.max())))
+            count, begin = (
+                math.ceil(float(run.time[-1] - run.time[0]) / (_WINDOW * float(sizes.time.max()))),
+                offsets[-1],
+            )
             offsets += [begin + round(len(run.time) * part / count) for part in range(1, count + 1)]
-            begin += len(run.time)
         axes = np.flatnonzero(dataset.measured_axes(data.sensors))
         own = np.concatenate([run.speeds for _, run in found])[:, axes]
         usual = np.maximum(np.std(own, axis=0), _LEAST_CHANGE * np.sqrt(np.mean(own**2, axis=0)))

@@ -314,14 +314,14 @@ class PlanarActuators:
         fixed[:, [number for number, _ in self._turned]] = 0.0
         driven = np.flatnonzero(fixed.any(axis=1)).tolist()
         weights = [*fixed[driven], *np.eye(fixed.shape[1])[alone]]
-        found = thrusts.mean_forces(commands.of_thrusts(_parts(thrusts)), weights)
+        found = thrusts.mean_forces(commands.series(_parts(thrusts), angles=False), weights)
         force = np.zeros((commands.count, 3))
         for axis, series in zip(driven, found, strict=False):
             force[:, axis] = series
         thrust = dict(zip(alone, found[len(driven) :], strict=True))
         angle = np.zeros((commands.count, 0))
         if len(self.angle_columns):
-            of_angles = commands.of_angles(_parts(angles))
+            of_angles = commands.series(_parts(angles), angles=True)
             angle = _columns(angles.mean_forces(of_angles, list(np.eye(len(self.angle_columns)))), commands.count)
             # Azimuth angles are slow beside thrust: their means turn the mean thrust.
             for number, at in self._turned:
@@ -342,20 +342,14 @@ class PlanarCommands:
         self._angles = _with_columns(trial, actuators.angle_columns, unwrapped=True)
         self._known: dict[tuple[bool, int], CommandSeries] = {}
 
-    def of_thrusts(self, parts: int) -> CommandSeries:
-        """Commands of the thrusters, with each interval in at most so many ``parts``."""
-        return self._series(self._actuators.thrusters, self._thrusts, parts, turning=False)
-
-    def of_angles(self, parts: int) -> CommandSeries:
-        """Angles, likewise."""
-        return self._series(self._actuators.angles, self._angles, parts, turning=True)
-
-    def _series(self, vehicle: Vehicle, trial: Trial, parts: int, *, turning: bool) -> CommandSeries:
+    def series(self, parts: int, *, angles: bool) -> CommandSeries:
+        """Commands of the thrusters, or of the ``angles``, with each interval in at most so many ``parts``."""
         parts = max(1, min(parts, int(np.ceil(self._interval / _PART))))
-        key = turning, parts
-        if key not in self._known:
-            self._known[key] = CommandSeries.from_trials(vehicle, [trial], parts)
-        return self._known[key]
+        if (angles, parts) not in self._known:
+            vehicle = self._actuators.angles if angles else self._actuators.thrusters
+            trial = self._angles if angles else self._thrusts
+            self._known[angles, parts] = CommandSeries.from_trials(vehicle, [trial], parts)
+        return self._known[angles, parts]
 
 
 def _is_of_time(one: BoundEffect) -> bool:

@@ -81,9 +81,8 @@ class PlanarOptimum:
             found = _step(likelihood, x, value, gradient, corrected, damping)
             if found is None:
                 break
-            gained = value - found[1]
+            small = small + 1 if value - found[1] < _TOLERANCE else 0
             x, value, damping, innovations = found
-            small = small + 1 if gained < _TOLERANCE else 0
             if small > 1:
                 break
         return cls(likelihood, x, value)
@@ -113,15 +112,9 @@ class PlanarOptimum:
         return replace(self, x=self.coordinates.canonical(self.x))
 
     @cached_property
-    def innovations(self) -> tuple[FloatArray, FloatArray]:
-        """(N,) innovations that count, and their variances."""
-        error, variance = self.likelihood.evaluate(self.x)
-        return error, variance
-
-    @cached_property
     def is_white(self) -> bool:
         """Whether the normalised innovations of each sensor and run are white and without heavy tails."""
-        error, variance = self.innovations
+        error, variance = self.likelihood.evaluate(self.x)
         z, (run, _, sensor) = error / np.sqrt(variance), self.likelihood.rows
         for number in range(len(SENSORS)):
             own = [z[(run == at) & (sensor == number)] for at in np.unique(run)]
@@ -206,14 +199,13 @@ class PlanarOptimum:
         at = self.coordinates.noise_begin
         starts = [np.concatenate((self.x[:at], own, self.x[at:])) for own in effect.initial_values]
         starts = [coordinates.projected(start) for start in (*starts, *further)]
+        first = starts[0]
         if len(starts) > 1:
-            values = likelihood.values(starts)
             # A few steps from each start tell which valley is deepest.
-            order = np.argsort(values)[:_CONTINUED]
+            order = np.argsort(likelihood.values(starts))[:_CONTINUED]
             tried = [type(self).fit(likelihood, starts[number], iterations=3) for number in order.tolist()]
-            best = min(tried, key=lambda one: one.value)
-            return type(self).fit(likelihood, best.x, iterations)
-        return type(self).fit(likelihood, starts[0], iterations)
+            first = min(tried, key=lambda one: one.value).x
+        return type(self).fit(likelihood, first, iterations)
 
 
 def _step(
@@ -285,11 +277,9 @@ def change_between(here: Innovations, there: Innovations) -> FloatArray:
     root = np.sqrt(here.variance)
     weight = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(here.error / root), 1e-300)))
     with np.errstate(over="ignore", invalid="ignore"):
-        changed = (
-            (there.error - here.error) / root * weight,
-            (there.variance - here.variance) / (math.sqrt(2.0) * here.variance),
-        )
-    return np.nan_to_num(np.concatenate(changed), nan=0.0, posinf=1e12, neginf=-1e12)
+        error = (there.error - here.error) / root * weight
+        variance = (there.variance - here.variance) / (math.sqrt(2.0) * here.variance)
+    return np.nan_to_num(np.concatenate((error, variance)), nan=0.0, posinf=1e12, neginf=-1e12)
 
 
 def chord_fit(
@@ -304,19 +294,17 @@ def chord_fit(
     ``rows`` are the innovations that count; ``matrix`` is changed.
     """
     coordinates = likelihood.coordinates
-    two = None if rows is None else np.concatenate((rows, rows))
+    one: BoolArray | slice = slice(None) if rows is None else rows
+    two: BoolArray | slice = slice(None) if rows is None else np.concatenate((rows, rows))
 
     def value_of(innovations: Innovations) -> float:
-        return likelihood.value_of(innovations if rows is None else Innovations(*(one[rows] for one in innovations)))
-
-    def counted(values: FloatArray) -> FloatArray:
-        return values if two is None else values[two]
+        return likelihood.value_of(Innovations(innovations.error[one], innovations.variance[one]))
 
     here = likelihood.evaluate(x)
     value, damping, small = value_of(here), _FIRST_DAMPING, 0
-    information = counted(matrix).T @ counted(matrix)
+    information = matrix[two].T @ matrix[two]
     for _ in range(steps):
-        gradient = counted(matrix).T @ counted(residual_of(here))
+        gradient = matrix[two].T @ residual_of(here)[two]
         step = bounded_step(x, gradient, information, damping, coordinates.bounds)
         step *= min(1.0, 1.0 / max(float(np.abs(step).max()), 1e-300))
         expected = -float(gradient @ step) - 0.5 * float(step @ information @ step)
@@ -331,9 +319,9 @@ def chord_fit(
         length = float(weighted @ moved)
         if length > 0.0:
             missing = change_between(here, there) - matrix @ moved
-            if float(counted(missing) @ counted(missing)) < 4.0 * float(moved @ information @ moved):
+            if float(missing[two] @ missing[two]) < 4.0 * float(moved @ information @ moved):
                 matrix += np.outer(missing, weighted / length)
-                information = counted(matrix).T @ counted(matrix)
+                information = matrix[two].T @ matrix[two]
         if gained > 0.0:
             x, here, value = ahead, there, value - gained
             damping = updated_damping(damping, gained / expected)
