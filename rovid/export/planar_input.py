@@ -181,7 +181,7 @@ class PlanarInput(Subject):
         )
         scale, ends = np.maximum(self.envelope, 1e-3), np.array([0, len(time)])
         motion = PlanarMotion.simulated(model, ends, time, forces.inputs, np.zeros((1, 6)), scale)
-        return np.column_stack(list(map(motion.sensor, AXIS_SPEEDS)))
+        return motion.sensors(AXIS_SPEEDS)
 
     def verification_shares(self) -> tuple[FloatArray, float, int]:
         """(n, 3) shares for `PERIOD` each, along each axis, combined, and at rest; least factor, and bisections."""

@@ -314,7 +314,7 @@ def _information(best: PlanarOptimum, data: PlanarData, planned: PlanarRun, star
     """(p, p) Fisher information of a planned run from (6,) ``start``."""
     yaw_only = best.likelihood.grid.yaw_only
     motion = simulate_planar(best.model, planned, start, yaw_only=yaw_only)
-    values = np.column_stack(list(map(motion.sensor, SENSORS)))[planned.event_index, planned.event_sensor]
+    values = motion.sensors(SENSORS)[planned.event_index, planned.event_sensor]
     # The information of the logs already contains the prior.
     alone, sizes = replace(data, runs=(replace(planned, event_value=values),), prior=None), best.coordinates.sizes
     std = np.concatenate(([0.0], START_STD * sizes.speed, [0.0, 0.0]))

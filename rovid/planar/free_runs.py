@@ -111,6 +111,10 @@ class PlanarMotion:
         """(n,) noise-free readings of a sensor, by its name."""
         return np.asarray(getattr(self, name))
 
+    def sensors(self, names: Sequence[str]) -> FloatArray:
+        """(n, k) noise-free readings of k sensors."""
+        return np.column_stack(list(map(self.sensor, names)))
+
 
 def simulate_planar(
     model: PlanarModel, run: dataset.PlanarRun, start: FloatArray | None = None, *, yaw_only: bool = False
@@ -159,7 +163,7 @@ def estimated_start(model: PlanarModel, run: dataset.PlanarRun, *, yaw_only: boo
     def simulated(first: FloatArray) -> FloatArray:
         offsets = np.array([0, len(time)])
         motion = PlanarMotion.simulated(model, offsets, time, inputs, first[None], speed, yaw_only=yaw_only)
-        return weight * np.column_stack(list(map(motion.sensor, SENSORS)))[index, sensor]
+        return weight * motion.sensors(SENSORS)[index, sensor]
 
     steps = 1e-4 * np.array([1.0, *speed, 1.0, 1.0])
     free = [0, 3] if yaw_only else range(len(start))
@@ -187,7 +191,7 @@ def free_run_r2(model: PlanarModel, data: dataset.PlanarData, *, yaw_only: bool 
             continue
         start = estimated_start(model, run, yaw_only=yaw_only)
         motion = simulate_planar(model, run, start, yaw_only=yaw_only)
-        read = np.column_stack(list(map(motion.sensor, SENSORS)))[run.event_index, run.event_sensor]
+        read = motion.sensors(SENSORS)[run.event_index, run.event_sensor]
         other = dataset.smooth_motion(replace(run, event_value=read))
         assert other is not None  # noqa: S101 - the measured run is as long
         measured.append(smooth.speeds)
@@ -280,7 +284,7 @@ class FreeRuns:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             inputs = self._inputs(model.actuator_effects) if model.actuator_effects else self._plain_inputs
             motion = PlanarMotion.simulated(model, self.offsets, time, inputs, starts, self.scale)
-            found = np.column_stack(list(map(motion.sensor, AXIS_SPEEDS)))
+            found = motion.sensors(AXIS_SPEEDS)
             # The kernel of the measured speeds, over each run.
             ends = np.cumsum([len(run.time) for _, run in self.smooth])[:-1]
             found = np.concatenate(list(map(dataset.smoothed, np.split(found, ends)))) - speeds

@@ -220,11 +220,11 @@ def window_errors(
     time = grid.time[every]
     # The change of a wandering current counts as speed over ground.
     started = PlanarMotion.of_states(time[offsets[:-1]], first, planar)
-    starts = np.column_stack(list(map(started.sensor, ("heading", *AXIS_SPEEDS, "north", "east"))))
+    starts = started.sensors(("heading", *AXIS_SPEEDS, "north", "east"))
 
     def simulated(forces: FloatArray) -> FloatArray:
         motion = PlanarMotion.simulated(planar, offsets, time, forces, starts, grid.speed, yaw_only=grid.yaw_only)
-        return np.column_stack(list(map(motion.sensor, ("heading", *AXIS_SPEEDS))))
+        return motion.sensors(("heading", *AXIS_SPEEDS))
 
     motion, reference = simulated(inputs), parts.measured[every]
     if disturbed:

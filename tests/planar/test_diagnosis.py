@@ -16,7 +16,6 @@ from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations, Jacobian
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import _agreeing, _contradicted, diagnose_planar
-from rovid.planar.fit import fit_base
 from rovid.planar.held_out import Gate, HeldOut
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
@@ -25,13 +24,6 @@ from rovid.trial.trial import Campaign
 from tests.planar.vehicles import box_rov, campaign
 
 Small = tuple[PlanarData, PlanarOptimum]
-
-
-@pytest.fixture(scope="module")
-def small() -> Small:
-    """A vehicle in still water, and the fit without effects."""
-    data = campaign(box_rov(3), runs=2, levels=6, hold=4.0, seed=2)
-    return data, fit_base(data)
 
 
 @pytest.mark.slow

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.effects import effect_named
+from rovid.model.bound_effects import BoundEffect
+from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import place_entries, planar_candidates, proposed_places
 from rovid.planar.fit import fit_base
 from rovid.planar.free_runs import simulate_planar
@@ -38,18 +40,15 @@ def test_a_place_that_is_not_given_is_found_and_proposed() -> None:
     assert not list(proposed_places(base, given))
 
 
-def test_a_sound_fit_gets_no_proposal() -> None:
-    data = campaign(box_rov(3), runs=2, levels=6, hold=4.0, seed=2)
-    assert not list(proposed_places(fit_base(data), data))
+def test_a_sound_fit_gets_no_proposal(small: tuple[PlanarData, PlanarOptimum]) -> None:
+    data, base = small
+    assert not list(proposed_places(base, data))
 
 
-def test_a_simulation_begins_where_the_sensors_read() -> None:
+def test_a_simulation_begins_where_the_sensors_read(small: tuple[PlanarData, PlanarOptimum]) -> None:
     """The start of a simulation is a reading at the place of the sensor."""
-    data = campaign(box_rov(3), runs=1, levels=2, hold=4.0, seed=2)
-    placed = fit_base(data).with_effect(PLACE, iterations=1)
-    x = placed.x.copy()
-    x[placed.place(PLACE)] = np.array([0.4, -0.2]) / placed.coordinates.units[placed.place(PLACE)]
-    model = PlanarOptimum(placed.likelihood, x, 0.0).model
+    data, base = small
+    model = replace(base.model, effects=(BoundEffect(PLACE, np.array([0.4, -0.2])),))
     start = np.array([0.3, 0.5, 0.1, 0.4, 0.0, 0.0])
     moved = simulate_planar(model, data.runs[0], start)
     assert (moved.surge_velocity[0], moved.sway_velocity[0]) == (0.5, 0.1)
