@@ -103,37 +103,32 @@ def lagged_in_series(time: FloatArray, values: FloatArray, first: float, second:
 @compiled
 def slewed(time: FloatArray, values: FloatArray, rate: float) -> FloatArray:
     """Mean until the next instant of a signal that follows (n,) held ``values`` with a limited ``rate`` in 1/s."""
-    n = len(time)
-    out = np.empty(n)
-    state = values[0]
-    for k in range(n):
-        interval = time[k + 1] - time[k] if k + 1 < n else 0.0
-        gap = values[k] - state
-        reach = rate * interval
-        moved = min(max(gap, -reach), reach)
-        # Mean of a ramp that ends within the interval.
-        share = 1.0 if abs(gap) > reach or reach <= 0.0 else abs(gap) / reach
-        out[k] = state + moved * (1.0 - 0.5 * share)
-        state += moved
-    return out
+    return _limited(time, values, rate, False)
 
 
 @compiled
 def soft_started(time: FloatArray, values: FloatArray, rate: float) -> FloatArray:
     """As ``slewed``, but only the growth of the magnitude is limited."""
+    return _limited(time, values, rate, True)
+
+
+@compiled
+def _limited(time: FloatArray, values: FloatArray, rate: float, falls_freely: bool) -> FloatArray:
     n = len(time)
     out = np.empty(n)
     state = values[0]
     for k in range(n):
         interval = time[k + 1] - time[k] if k + 1 < n else 0.0
-        if state * values[k] < 0.0:
-            state = 0.0
-        if abs(values[k]) <= abs(state):
-            out[k] = state = values[k]
-            continue
+        if falls_freely:
+            if state * values[k] < 0.0:
+                state = 0.0
+            if abs(values[k]) <= abs(state):
+                out[k] = state = values[k]
+                continue
         gap = values[k] - state
         reach = rate * interval
         moved = min(max(gap, -reach), reach)
+        # Mean of a ramp that ends within the interval.
         share = 1.0 if abs(gap) > reach or reach <= 0.0 else abs(gap) / reach
         out[k] = state + moved * (1.0 - 0.5 * share)
         state += moved

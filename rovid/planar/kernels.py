@@ -120,7 +120,7 @@ def filter_runs(
 
 
 @compiled
-def _step(  # noqa: PLR0915 - one step, from top to bottom
+def _step(
     c: Any,
     coupled: bool,
     yaw_only: bool,
@@ -157,25 +157,10 @@ def _step(  # noqa: PLR0915 - one step, from top to bottom
         f[NORTH, CURRENT], f[NORTH + 1, CURRENT + 1] = h, h
         f[CURRENT, CURRENT], f[CURRENT + 1, CURRENT + 1] = decays[1, 3], decays[1, 3]
     for b in range(3):
-        # Column b of J^2, J^3 and J^4.
-        a0, a1, a2 = j[0, b], j[1, b], j[2, b]
-        b0 = j[0, 0] * a0 + j[0, 1] * a1 + j[0, 2] * a2
-        b1 = j[1, 0] * a0 + j[1, 1] * a1 + j[1, 2] * a2
-        b2 = j[2, 0] * a0 + j[2, 1] * a1 + j[2, 2] * a2
-        c0 = j[0, 0] * b0 + j[0, 1] * b1 + j[0, 2] * b2
-        c1 = j[1, 0] * b0 + j[1, 1] * b1 + j[1, 2] * b2
-        c2 = j[2, 0] * b0 + j[2, 1] * b1 + j[2, 2] * b2
-        d0 = j[0, 0] * c0 + j[0, 1] * c1 + j[0, 2] * c2
-        d1 = j[1, 0] * c0 + j[1, 1] * c1 + j[1, 2] * c2
-        d2 = j[2, 0] * c0 + j[2, 1] * c1 + j[2, 2] * c2
-        f[1, 1 + b] = h * (a0 + h / 2.0 * (b0 + h / 3.0 * (c0 + h / 4.0 * d0)))
-        f[2, 1 + b] = h * (a1 + h / 2.0 * (b1 + h / 3.0 * (c1 + h / 4.0 * d1)))
-        f[3, 1 + b] = h * (a2 + h / 2.0 * (b2 + h / 3.0 * (c2 + h / 4.0 * d2)))
-        f[HEADING, 1 + b] = h * h / 2.0 * (a2 + h / 3.0 * (b2 + h / 4.0 * c2))
-        if not yaw_only:
-            x0, x1 = h * h / 2.0 * (a0 + h / 3.0 * b0), h * h / 2.0 * (a1 + h / 3.0 * b1)
-            f[NORTH, 1 + b] = x0 * cosine - x1 * sine
-            f[NORTH + 1, 1 + b] = x0 * sine + x1 * cosine
+        first = (j[0, b], j[1, b], j[2, b])
+        second = _times(j, first)
+        third = _times(j, second)
+        _write_series(f, 1 + b, h, yaw_only, cosine, sine, first, second, third, _times(j, third))
         f[1 + b, 1 + b] += 1.0
     f[HEADING, 3] += h
     if not yaw_only:
@@ -190,30 +175,44 @@ def _step(  # noqa: PLR0915 - one step, from top to bottom
     for b in range(3):
         if yaw_only and b < 2:
             continue
-        a0, a1, a2 = _response(c, scale, yaw_only, b)
-        leak = -1.0 / noise[NOISE_TIME + b]
-        b0 = j[0, 0] * a0 + j[0, 1] * a1 + j[0, 2] * a2
-        b1 = j[1, 0] * a0 + j[1, 1] * a1 + j[1, 2] * a2
-        b2 = j[2, 0] * a0 + j[2, 1] * a1 + j[2, 2] * a2
-        c0 = j[0, 0] * b0 + j[0, 1] * b1 + j[0, 2] * b2
-        c1 = j[1, 0] * b0 + j[1, 1] * b1 + j[1, 2] * b2
-        c2 = j[2, 0] * b0 + j[2, 1] * b1 + j[2, 2] * b2
-        d0 = j[0, 0] * c0 + j[0, 1] * c1 + j[0, 2] * c2
-        d1 = j[1, 0] * c0 + j[1, 1] * c1 + j[1, 2] * c2
-        d2 = j[2, 0] * c0 + j[2, 1] * c1 + j[2, 2] * c2
+        first = _response(c, scale, yaw_only, b)
+        second = _times(j, first)
+        third = _times(j, second)
+        fourth = _times(j, third)
         # Forces decay: each power of J comes with the lower powers of the decay rate.
-        b0, b1, b2 = b0 + leak * a0, b1 + leak * a1, b2 + leak * a2
-        c0, c1, c2 = c0 + leak * b0, c1 + leak * b1, c2 + leak * b2
-        d0, d1, d2 = d0 + leak * c0, d1 + leak * c1, d2 + leak * c2
-        f[1, 4 + b] = h * (a0 + h / 2.0 * (b0 + h / 3.0 * (c0 + h / 4.0 * d0)))
-        f[2, 4 + b] = h * (a1 + h / 2.0 * (b1 + h / 3.0 * (c1 + h / 4.0 * d1)))
-        f[3, 4 + b] = h * (a2 + h / 2.0 * (b2 + h / 3.0 * (c2 + h / 4.0 * d2)))
-        f[HEADING, 4 + b] = h * h / 2.0 * (a2 + h / 3.0 * (b2 + h / 4.0 * c2))
-        if not yaw_only:
-            x0, x1 = h * h / 2.0 * (a0 + h / 3.0 * b0), h * h / 2.0 * (a1 + h / 3.0 * b1)
-            f[NORTH, 4 + b] = x0 * cosine - x1 * sine
-            f[NORTH + 1, 4 + b] = x0 * sine + x1 * cosine
+        leak = -1.0 / noise[NOISE_TIME + b]
+        second = _plus(second, leak, first)
+        third = _plus(third, leak, second)
+        _write_series(f, 4 + b, h, yaw_only, cosine, sine, first, second, third, _plus(fourth, leak, third))
         f[4 + b, 4 + b] = decays[1, b]
+
+
+@compiled
+def _times(j: Any, a: Any) -> tuple[float, float, float]:
+    """Product of the (3, 3) ``j`` and a vector."""
+    return (
+        j[0, 0] * a[0] + j[0, 1] * a[1] + j[0, 2] * a[2],
+        j[1, 0] * a[0] + j[1, 1] * a[1] + j[1, 2] * a[2],
+        j[2, 0] * a[0] + j[2, 1] * a[1] + j[2, 2] * a[2],
+    )
+
+
+@compiled
+def _plus(a: Any, factor: float, b: Any) -> tuple[float, float, float]:
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+@compiled
+def _write_series(
+    f: Any, at: int, h: float, yaw_only: bool, cosine: float, sine: float, a: Any, b: Any, c: Any, d: Any
+) -> None:
+    """Write the column ``at`` of the transition matrix: series over ``h`` s with the derivatives ``a`` to ``d``."""
+    for i in range(3):
+        f[1 + i, at] = h * (a[i] + h / 2.0 * (b[i] + h / 3.0 * (c[i] + h / 4.0 * d[i])))
+    f[HEADING, at] = h * h / 2.0 * (a[2] + h / 3.0 * (b[2] + h / 4.0 * c[2]))
+    if not yaw_only:
+        x, y = h * h / 2.0 * (a[0] + h / 3.0 * b[0]), h * h / 2.0 * (a[1] + h / 3.0 * b[1])
+        f[NORTH, at], f[NORTH + 1, at] = x * cosine - y * sine, x * sine + y * cosine
 
 
 @compiled
@@ -268,11 +267,9 @@ def _add_noise(c: Any, yaw_only: bool, noise: Any, decays: Any, h: float, psi: f
     for b in range(3):
         if yaw_only and b < 2:
             continue
-        a0, a1, a2 = _response(c, scale, yaw_only, b)
-        leak = -1.0 / noise[NOISE_TIME + b]
-        b0 = j[0, 0] * a0 + j[0, 1] * a1 + j[0, 2] * a2 + leak * a0
-        b1 = j[1, 0] * a0 + j[1, 1] * a1 + j[1, 2] * a2 + leak * a1
-        b2 = j[2, 0] * a0 + j[2, 1] * a1 + j[2, 2] * a2 + leak * a2
+        first = _response(c, scale, yaw_only, b)
+        a0, a1, a2 = first
+        b0, b1, b2 = _plus(_times(j, first), -1.0 / noise[NOISE_TIME + b], first)
         power = 2.0 * noise[b] ** 2 / noise[NOISE_TIME + b]
         for part in range(3):
             s = 0.5 * h * part

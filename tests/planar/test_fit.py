@@ -125,16 +125,14 @@ def heading_alone(*pushed: tuple[float, float, float]) -> PlanarData:
         noise={"heading": (0.005, 0.05)},
         disturbance=(0.0, 0.0, 0.03),
     )
-    return campaign(truth, runs=2, levels=20, hold=6.0, seed=5)
+    return campaign(truth, runs=2, levels=8, hold=6.0, seed=5)
 
 
 def test_heading_alone_gives_the_yaw_model() -> None:
     data = heading_alone()
     fitted = fit_planar(data)
-    one_axis_vehicle = replace(data.vehicle, planar=False)
-    one_axis = fit_likelihood(
-        prepare_trials([run.trial for run in data.runs], one_axis_vehicle).items, one_axis_vehicle
-    ).estimate
+    vehicle = replace(data.vehicle, planar=False)
+    one_axis = fit_likelihood(prepare_trials([run.trial for run in data.runs], vehicle).items, vehicle).estimate
     for name in ("inertia", "linear_drag", "quadratic_drag"):
         difference = fitted.estimate.value(f"yaw.{name}") - one_axis.value(name)
         assert abs(difference) < one_axis.standard_error(name)
