@@ -57,18 +57,18 @@ def _xml_text(text: str) -> str:
 
 def toml_text(text: str) -> str:
     """A quoted string for TOML and for YAML, which have the same escapes."""
+
+    def escaped(character: str) -> str:
+        code = ord(character)
+        return f"\\u{code:04X}" if code < 0x10000 else f"\\U{code:08X}"
+
     quoted = re.sub(r'(["\\])', r"\\\1", encodable(text))
-    return f'"{escape_invisible(quoted, _toml_escape)}"'
+    return f'"{escape_invisible(quoted, escaped)}"'
 
 
 def toml_key(text: str) -> str:
     """``text`` as a TOML key."""
     return text if text.isascii() and text.isidentifier() else toml_text(text)
-
-
-def _toml_escape(character: str) -> str:
-    code = ord(character)
-    return f"\\u{code:04X}" if code < 0x10000 else f"\\U{code:08X}"
 
 
 def python_docstring(text: str) -> str:
@@ -86,12 +86,8 @@ def csv_line(cells: Sequence[str]) -> str:
 
 def identifiers(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
     """``names`` as identifiers for XML, YAML, topics and programs, distinct from each other and from ``taken``."""
-    return _distinct(list(map(_identifier, names)), taken)
-
-
-def _identifier(name: str) -> str:
-    plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
-    return plain if re.match("[A-Za-z_]", plain) else f"_{plain}"
+    plain = [re.sub(r"[^A-Za-z0-9_]", "_", name) for name in names]
+    return _distinct([re.sub(r"^(?![A-Za-z_])", "_", name) for name in plain], taken)
 
 
 def field_names(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
@@ -140,9 +136,7 @@ def _finite(value: Any) -> Any:
     if value is None or isinstance(value, int):
         return value
     number = float(value)
-    if not math.isfinite(number):
-        return None
-    return number
+    return number if math.isfinite(number) else None
 
 
 def plus_minus(value: float, error: float) -> str:
@@ -193,9 +187,8 @@ class SafeConsole(Console):
 
 def labelled_text(label: str, text: str = "", style: str = "bold") -> Text:
     """``text`` after a ``label`` in that style."""
-    return Text.assemble(
-        (display_text(label, LINE_LENGTH), style), f" {display_text(text, LINE_LENGTH)}" if text else ""
-    )
+    rest = f" {display_text(text, LINE_LENGTH)}" if text else ""
+    return Text.assemble((display_text(label, LINE_LENGTH), style), rest)
 
 
 class TextTemplates:

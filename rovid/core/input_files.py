@@ -1,5 +1,6 @@
 """Input files: only regular files and folders are opened, and TOML is read within limits of size and depth."""
 
+import contextlib
 import errno
 import math
 import os
@@ -75,17 +76,11 @@ def require_exists(path: Path, error: type[RovidError] = ConfigError) -> None:
     except OSError as reason:
         if reason.errno not in _ABSENT:
             raise error(f"cannot be read ({reason.strerror}).", where=path) from reason
-        mend = f"{_nearest_names(path)}Give a log or the folder that holds the logs."
+        mend = "Give a log or the folder that holds the logs."
+        with contextlib.suppress(OSError, ValueError):
+            if close := close_matches(path.name, sorted(other.name for other in path.parent.iterdir())):
+                mend = f"Nearest: {quoted_list(close)}. {mend}"
         raise error("there is no such file or folder.", where=path, mend=mend) from reason
-
-
-def _nearest_names(path: Path) -> str:
-    """A sentence with names in the folder of ``path`` that are similar to its name; empty if there are none."""
-    try:
-        close = close_matches(path.name, sorted(other.name for other in path.parent.iterdir()))
-    except (OSError, ValueError):
-        return ""
-    return f"Nearest: {quoted_list(close)}. " if close else ""
 
 
 def list_files(path: Path, unreadable: Callable[[OSError], None]) -> FolderContents:
@@ -102,17 +97,12 @@ def list_files(path: Path, unreadable: Callable[[OSError], None]) -> FolderConte
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         inner = [Path(folder, name) for name in names if not name.startswith(".")]
         for found in (*(Path(folder, name) for name in folders), *inner):
-            if kind := special_kind(found) or _upward_link(found):
+            if kind := special_kind(found):
                 special[found] = kind
+            elif found.is_symlink() and found.parent.resolve().is_relative_to(found.resolve()):
+                special[found] = _LINK_UP
         files += [found for found in inner if found not in special]
     return FolderContents(files=tuple(sorted(files)), special_files=dict(sorted(special.items())))
-
-
-def _upward_link(path: Path) -> str:
-    """A description if ``path`` is a link to a folder that contains it; otherwise empty."""
-    if path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve()):
-        return _LINK_UP
-    return ""
 
 
 # Bounds of a vehicle's quantities, in any unit. Their squares and quotients stay finite.

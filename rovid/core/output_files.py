@@ -180,7 +180,12 @@ class OutputSet:
                 folder.mkdir(parents=True, exist_ok=True)
             with locked(folders):
                 data = _encoded(contents)
-                changed = [output for output, content in data.items() if not _contains(output.target, content)]
+                changed = []
+                for output, content in data.items():
+                    target = output.target
+                    is_same_size = target.is_file() and target.stat().st_size == len(content)
+                    if not (is_same_size and target.read_bytes() == content):
+                        changed.append(output)
                 for output in changed:
                     self._require_replaceable(output, differs=True)
                 replace_files({output.target: data[output] for output in changed}, removed, folders)
@@ -236,11 +241,6 @@ class OutputSet:
         if status.st_size and not (matches and signature.replaceable) and not self._force:
             text = f"already exists, and is not {signature.description}."
             raise OutputError(text, where=output.path, mend="Choose another name, or give --force to replace it.")
-
-
-def _contains(target: Path, content: bytes) -> bool:
-    """Whether the file exists with exactly this ``content``."""
-    return target.is_file() and target.stat().st_size == len(content) and target.read_bytes() == content
 
 
 def _encoded(contents: Mapping[OutputFile, Content]) -> dict[OutputFile, bytes]:

@@ -44,20 +44,15 @@ def parallel_map(
     ``use_threads``: Whether threads may run ``function`` if there are no workers. If not, the items are done one after
         the other.
     """
-    team, every = _TEAM, list(items)
-    if team is not None:
-        return team.map(function, every)
-    if use_threads:
-        return thread_map(function, every)
-    return list(map(function, every))
+    every = list(items)
+    if _TEAM is not None:
+        return _TEAM.map(function, every)
+    return thread_map(function, every) if use_threads else list(map(function, every))
 
 
 def agreed(question: Callable[[], bool]) -> bool:
     """The answer of the first process, in all copies, which have to ask at the same place; not inside of a map."""
-    team = _TEAM
-    if team is None or team.is_busy:
-        return question()
-    return team.share(question)
+    return question() if _TEAM is None or _TEAM.is_busy else _TEAM.share(question)
 
 
 @contextlib.contextmanager
@@ -224,7 +219,14 @@ class _Team:
             if self.index_writer is not None:
                 ends = [_NO_ITEM] * (1 + len(self.connections))
                 os.write(self.index_writer, b"".join(map(_INDEX.pack, (*range(len(items)), *ends))))
-            while (index := self._next_index()) != _NO_ITEM:
+            while True:
+                # Index of an item that no process has taken yet.
+                data = os.read(self.indices, _INDEX.size)
+                if not data:
+                    raise EOFError
+                (index,) = _INDEX.unpack(data)
+                if index == _NO_ITEM:
+                    break
                 done[index] = function(items[index])
             self._exchange(done)
         except BaseException as error:
@@ -253,13 +255,6 @@ class _Team:
         except OSError:
             _leave_team()  # a worker was killed
         return answer
-
-    def _next_index(self) -> int:
-        """Index of an item that no process has taken yet."""
-        data = os.read(self.indices, _INDEX.size)
-        if not data:
-            raise EOFError
-        return int(_INDEX.unpack(data)[0])
 
     def _exchange(self, done: dict[int, Any]) -> None:
         """Complete ``done`` in every process. The first process collects all results and sends them out."""

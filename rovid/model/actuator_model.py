@@ -13,7 +13,7 @@ from weakref import WeakValueDictionary, ref
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.core.lru_cache import SizedCache, Value
+from rovid.core.threads import SizedCache, Value
 from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs, actuator_inputs
 from rovid.effects.base import Actuating, OnCommand, OnThrust, OnTorque, Term, Values
 from rovid.model.bound_effects import BoundEffect, actions_at, effects_at
@@ -111,11 +111,10 @@ class CommandSeries:
 
     def intervals_between(self, at: Sequence[IntArray]) -> Intervals:
         """Intervals between those of each trial's selected instants with indices ``at``."""
-        times = [self.inputs.time[one.rows] for one in self.inputs.trials]
-        every = zip(self.inputs.subdivisions, self.inputs.trials, at, strict=True)
-        return Intervals.from_times(
-            times, [(np.cumsum(counts) - counts)[one.past + here] for counts, one, here in every]
-        )
+        times, begins = [self.inputs.time[one.rows] for one in self.inputs.trials], []
+        for counts, one, here in zip(self.inputs.subdivisions, self.inputs.trials, at, strict=True):
+            begins.append((np.cumsum(counts) - counts)[one.past + here])
+        return Intervals.from_times(times, begins)
 
 
 # Command series in use, by the arguments that they were made from.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.core.lru_cache import SizedCache
+from rovid.core.threads import SizedCache
 
 ROOM = 80  # bytes, of ten numbers
 
