@@ -158,13 +158,9 @@ class Model:
         """Terms of the equation of motion for compiled loops."""
         return pack_terms(self.bound_effects, self.natural_frequency, self.inertia)
 
-    def equation(self, start: float) -> Equation:
-        """Equation of motion for a trial that starts at position ``start`` in rad or m."""
-        return Equation(self.body, self.terms, start)
-
     def equation_for(self, trial: Trial) -> Equation:
         """Equation of motion for ``trial``."""
-        return self.equation(trial.first_position)
+        return Equation(self.body, self.terms, trial.first_position)
 
     @property
     def wave_parameters(self) -> FloatArray:
@@ -198,8 +194,7 @@ class Model:
     def simulate_rates(self, trials: Sequence[Trial], torque_input: TorqueInput) -> list[FloatArray]:
         """(n,) rate of each trial as by `simulate`, without the position; ``torque_input`` is that of all trials."""
         if self.heading_sensor.deviates:
-            pairs = zip(trials, torque_input.by_trial, strict=True)
-            return [self.simulate(trial, one)[0] for trial, one in pairs]
+            return [self.simulate(*pair)[0] for pair in zip(trials, torque_input.by_trial, strict=True)]
         time = np.concatenate([trial.time for trial in trials])
         first = np.array(list(map(self._initial_motion, trials)))
         starts = np.array([trial.first_position for trial in trials])

@@ -64,10 +64,8 @@ def acting_torque(run: Run, model: Model, vehicle: Vehicle) -> FloatArray:
 
 def pooled_fit(simulations: Sequence[TrialSimulation]) -> FitMeasures:
     """Agreement over all samples of all trials."""
-    return fit_measures(
-        np.concatenate([item.measured for item in simulations]),
-        np.concatenate([item.simulated for item in simulations]),
-    )
+    measured, simulated = zip(*((item.measured, item.simulated) for item in simulations), strict=True)
+    return fit_measures(np.concatenate(measured), np.concatenate(simulated))
 
 
 def fit_measures(measured: FloatArray, simulated: FloatArray) -> FitMeasures:
@@ -77,9 +75,8 @@ def fit_measures(measured: FloatArray, simulated: FloatArray) -> FitMeasures:
     if not known.any():
         return FitMeasures(samples=0, r2=np.nan, fit_percent=np.nan, rmse=np.nan)
     sse, sst = float(error @ error), float(np.sum((y - y.mean()) ** 2))
-    ratio = sse / sst if sst > 0.0 else np.nan
+    ratio, rmse = sse / sst if sst > 0.0 else np.nan, float(np.sqrt(sse / len(error)))
     fit_percent = 100.0 * (1.0 - float(np.sqrt(ratio)))
-    rmse = float(np.sqrt(sse / len(error)))
     return FitMeasures(samples=int(known.sum()), r2=1.0 - ratio, fit_percent=fit_percent, rmse=rmse)
 
 

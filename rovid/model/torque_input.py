@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, starmap
 from typing import Self
 from weakref import WeakValueDictionary
 
@@ -128,16 +128,12 @@ class TorqueInput:
     @property
     def by_trial(self) -> list[Self]:
         """The torque input of each trial."""
-        return [self._rows(slice(begin, end)) for begin, end in pairwise(self.offsets.tolist())]
+        return list(map(self.rows, starmap(slice, pairwise(self.offsets.tolist()))))
 
-    def _rows(self, rows: slice) -> Self:
-        series = self.torque[rows], self.timing_moment[rows], self.effect_inputs[rows], self.impulse_variance[rows]
-        return type(self)(*series, np.array([0, len(series[0])]))
-
-    def rows(self, at: IntArray) -> Self:
+    def rows(self, at: IntArray | slice) -> Self:
         """The torque input from the instants ``at``, as that of one trial."""
         series = self.torque[at], self.timing_moment[at], self.effect_inputs[at], self.impulse_variance[at]
-        return type(self)(*series, np.array([0, len(at)]))
+        return type(self)(*series, np.array([0, len(series[0])]))
 
     def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
         """``function`` of each series of one trial."""
