@@ -19,9 +19,9 @@ import numpy as np
 from scipy.stats import norm
 
 from rovid.effects import effect_named
+from rovid.estimate.assumed_models import SizedCause
 from rovid.estimate.experiment_design import CandidateModel
 from rovid.estimate.isolability import ExpectedFits
-from rovid.estimate.sized_causes import SizedCause
 from rovid.model.model import Model
 from rovid.store.study import Study, open_study
 from tools.hidden import Hidden

@@ -240,11 +240,10 @@ def _plan_matrix(
 ) -> None:
     """Show which pairs of causes a programme separates: with the model of a fit, or without logs with an estimate."""
     from rovid.effects import effect_named
+    from rovid.estimate.assumed_models import SizedCause, estimated_model, full_range_trial, split_causes, tested_causes
     from rovid.estimate.candidate_runs import standard_programme
     from rovid.estimate.experiment_design import candidate_model, require_thrusters
     from rovid.estimate.isolability import isolability
-    from rovid.estimate.sized_causes import SizedCause, split_causes, tested_causes
-    from rovid.estimate.vehicle_estimate import estimated_model, full_range_trial
     from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import matrix_document
     from rovid.present.sentences import estimate_warnings

@@ -14,7 +14,7 @@ from weakref import ref
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.core.lru_cache import SizedCache
+from rovid.core.threads import SizedCache
 from rovid.effects.actuator_inputs import SPEEDS, actuator_inputs, neutral_commands
 from rovid.effects.base import Scales
 from rovid.model.actuator_model import CommandSeries
@@ -48,7 +48,7 @@ class _StepCommands(NamedTuple):
         return self.commands.nbytes + (0 if self.between is None else self.between.nbytes)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class InputCache:
     """Torque inputs of some runs."""
 
@@ -70,11 +70,7 @@ class InputCache:
 
     def of(self, runs: Sequence[Run], steps: list[IntArray] | None) -> Self:
         """The inputs of other ``runs`` at these ``steps``, at the same resolution."""
-        return replace(self, runs=runs, steps=steps, parent=self._root)
-
-    @property
-    def _root(self) -> Self:
-        return self if self.parent is None else self.parent
+        return replace(self, runs=runs, steps=steps, parent=self.parent or self)
 
     def at_samples(self, model: Model) -> Iterator[TorqueInput]:
         """Torque input of each run at all samples of its log."""
@@ -92,7 +88,7 @@ class InputCache:
 
     def _commands(self, vehicle: Vehicle, model: Model) -> _StepCommands:
         """Commands at the resolution that ``model`` needs."""
-        actuators, root = model.actuators, self._root
+        actuators, root = model.actuators, self.parent or self
         parts = 1 if self.means_only and actuators.has_exact_means else min(root.parts, actuators.subdivision)
         transient = root.transient_seconds(actuators.settling_time(root.largest_change))
         return _COMMANDS.get_or_make((ref(self), parts, transient), lambda: self._resolve(vehicle, parts, transient))
@@ -145,8 +141,8 @@ class InputCache:
         """Median interval between steps, s."""
         if self.steps is None:
             return float(np.median([run.trial.sampling_interval for run in self.runs]))
-        pairs = zip(self.runs, self.steps, strict=True)
-        return float(np.median(np.concatenate([np.diff(run.trial.time[at]) for run, at in pairs])))
+        each = [np.diff(run.trial.time[at]) for run, at in zip(self.runs, self.steps, strict=True)]
+        return float(np.median(np.concatenate(each)))
 
     @cached_property
     def largest_change(self) -> float:
@@ -311,12 +307,7 @@ class FitData(ABC):
     def inputs(self) -> InputCache:
         """Torque inputs of all runs."""
         return InputCache(
-            runs=self.driven_runs,
-            vehicle=self.vehicle,
-            inertia=self.initial_model.inertia,
-            position_noise=self.position_noise,
-            steps=self.steps,
-            means_only=self.means_only,
+            self.driven_runs, self.vehicle, self.initial_model.inertia, self.position_noise, self.steps, self.means_only
         )
 
     def free_run_r2(self, model: Model) -> float:

@@ -31,7 +31,7 @@ _MAX_GAIN = 500.0
 _MIN_NOISE = 1e-6
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class CandidateModel:
     """A fitted model with its uncertainty."""
 
@@ -46,16 +46,8 @@ class CandidateModel:
     @classmethod
     def from_fit(cls, name: str, fitted: FitResult, covariance: FloatArray) -> Self:
         """Model of a fit with the (p, p) ``covariance`` of its parameters."""
-        disturbance, memory = fitted.disturbance
-        return cls(
-            name=name,
-            model=fitted.model,
-            covariance=covariance,
-            disturbance=disturbance,
-            memory=memory,
-            noise=fitted.objective.position_noise(fitted.x),
-            integrated=fitted.data.rate_only,
-        )
+        noise = fitted.objective.position_noise(fitted.x)
+        return cls(name, fitted.model, covariance, *fitted.disturbance, noise, fitted.data.rate_only)
 
     def coordinates(self, objective: InnovationLikelihood) -> FloatArray:
         """(p,) coordinates of the model, its disturbance and its noise."""
@@ -65,15 +57,8 @@ class CandidateModel:
 
 def candidate_model(fit: LikelihoodFit, name: str) -> CandidateModel:
     """Model of a maximum-likelihood fit with its uncertainty."""
-    return CandidateModel(
-        name=name,
-        model=fit.model,
-        covariance=fit.estimate.covariance,
-        disturbance=fit.disturbance,
-        memory=fit.correlation_time,
-        noise=fit.position_noise,
-        integrated=fit.rate_only,
-    )
+    noises = fit.disturbance, fit.correlation_time, fit.position_noise
+    return CandidateModel(name, fit.model, fit.estimate.covariance, *noises, fit.rate_only)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,12 +125,18 @@ def plan_experiment(
         )
     # Rounding to the clock of the commands adds less than an interval.
     drawn = candidate_runs(scales, names, limits.seconds + scales.period)
-    runs = [replace(run, reference=trials[0].reference) for run in drawn]
+    reference = trials[0].reference
+    runs = [replace(run, reference=reference) for run in drawn]
     if not parameter and len(models) == 1:
         parameter = least_certain_parameter(models[0])
     ranked = rank_runs(runs, models, vehicle, limits, parameter=parameter)
+
+    def worth(run: CandidateRun) -> float:
+        found = _expected_information(replace(run, reference=reference), models, vehicle, limits, parameter)
+        return -1.0 if found is None else found.information_per_minute
+
     if limits.design:
-        designed = _designed_run(models, vehicle, scales, limits, parameter, ranked[0].run)
+        designed = replace(design_run(worth, scales, ranked[0].run.seconds), reference=reference)
         ranked = rank_runs([designed, *runs], models, vehicle, limits, parameter=parameter)
     rate = float(np.sqrt(np.mean(ranked[0].rates ** 2)))
     return ExperimentPlan(
@@ -155,23 +146,6 @@ def plan_experiment(
         thrusters=names,
         disturbance_rate=models[0].disturbance * models[0].model.rate_std_per_torque(rate, models[0].memory),
     )
-
-
-def _designed_run(
-    models: Sequence[CandidateModel],
-    vehicle: Vehicle,
-    scales: RunScales,
-    limits: RunLimits,
-    parameter: str,
-    like: CandidateRun,
-) -> CandidateRun:
-    """The run with optimised levels and switching times, of about the duration of the run ``like``."""
-
-    def worth(run: CandidateRun) -> float:
-        found = _expected_information(replace(run, reference=like.reference), models, vehicle, limits, parameter)
-        return -1.0 if found is None else found.information_per_minute
-
-    return replace(design_run(worth, scales, like.seconds), reference=like.reference)
 
 
 def require_thrusters(vehicle: Vehicle) -> None:
@@ -225,7 +199,11 @@ def _expected_information(
             return None
     rates = np.array([trial.rate for trial in trials])
     if len(models) == 1:
-        gain = _variance_ratio(trials[0], models[0], vehicle, parameter)
+        _, jacobian = _innovations(trials[0], models[0], vehicle)
+        at, (prior, scale) = models[0].model.names.index(parameter), _prior_information(models[0].covariance)
+        # In units of the standard deviations before the run, the variance of a parameter before is one.
+        after = np.linalg.pinv(prior + (jacobian * scale).T @ (jacobian * scale), rcond=1e-12)
+        gain = -math.log(max(after[at, at], 1e-300))
     else:
         first, second = models
         # Either model may be true: the smaller gain counts.
@@ -258,14 +236,12 @@ def _innovations(trial: Trial, candidate: CandidateModel, vehicle: Vehicle) -> t
     """(N,) normalised innovations of a trial under a model, and their (N, p) Jacobian in the model's own units."""
     objective = fit_objective([trial], candidate, vehicle)
     x = candidate.coordinates(objective)
-    residual, matrix = list[FloatArray](), list[FloatArray]()
-    for piece in objective.jacobian(x):
-        # The first half of the rows are innovations, the second half belongs to their variances.
-        count = len(piece.residual) // 2
-        residual.append(piece.residual[:count])
-        matrix.append(piece.matrix[:count])
+    pieces = list(objective.jacobian(x))
+    # The first half of the rows are innovations, the second half belongs to their variances.
+    residual = np.concatenate([np.split(piece.residual, 2)[0] for piece in pieces])
+    matrix = np.concatenate([np.split(piece.matrix, 2)[0] for piece in pieces])
     shown, size = objective.parametrization.model_jacobian(x)
-    return np.concatenate(residual), np.concatenate(matrix)[:, shown] / size
+    return residual, matrix[:, shown] / size
 
 
 def _log_likelihood_ratio(trial: Trial, wrong: CandidateModel, vehicle: Vehicle) -> float:
@@ -284,16 +260,6 @@ def _prior_information(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     correlations = covariance / np.outer(scale, scale)
     return np.asarray(np.linalg.pinv(correlations, rcond=1e-10)), scale
-
-
-def _variance_ratio(trial: Trial, candidate: CandidateModel, vehicle: Vehicle, name: str) -> float:
-    """Logarithm of the variance of a parameter before the run over that after it."""
-    _, jacobian = _innovations(trial, candidate, vehicle)
-    at = candidate.model.names.index(name)
-    prior, scale = _prior_information(candidate.covariance)
-    # In units of the standard deviations before the run, the variance before is one.
-    after = np.linalg.pinv(prior + (jacobian * scale).T @ (jacobian * scale), rcond=1e-12)
-    return -math.log(max(after[at, at], 1e-300))
 
 
 def command_changes(information: ExpectedInformation) -> tuple[list[float], list[list[float]]]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.core.lru_cache import SizedCache
+from rovid.core.threads import SizedCache
 from rovid.estimate.dataset import NOISE_FLOOR, FitData, InputCache, rms
 from rovid.estimate.unknown_past import UnknownPasts
 from rovid.model.filter_batch import FilterData
@@ -200,19 +200,18 @@ class InnovationData(FitData):
     @cached_property
     def _accelerating_torque(self) -> float:
         """RMS of the torque that no drag balances, N m: the error of a balance at a sample taken at random."""
-        pairs = [run.filtered_torque - self.initial_model.drag(run.rates.rate) for run in self.runs]
-        return rms(pairs)
+        return rms([run.filtered_torque - self.initial_model.drag(run.rates.rate) for run in self.runs])
 
     @cached_property
     def initial_rates(self) -> list[float]:
         """Rate of each run at its first instant, rad/s."""
-        frequency = self.initial_model.natural_frequency
-        return [
-            initial_rate(run.trial, frequency)
-            if driven.trial is run.trial
-            else driven_initial_rate(run.trial, frequency)[0]
-            for run, driven in zip(self.runs, self.driven_runs, strict=True)
-        ]
+        frequency, rates = self.initial_model.natural_frequency, []
+        for run, driven in zip(self.runs, self.driven_runs, strict=True):
+            if driven.trial is run.trial:
+                rates.append(initial_rate(run.trial, frequency))
+            else:
+                rates.append(driven_initial_rate(run.trial, frequency)[0])
+        return rates
 
     @cached_property
     def gyro_noise(self) -> float:
@@ -221,9 +220,8 @@ class InnovationData(FitData):
         if not np.isfinite(differences).any():
             return 1.0
         # The second difference of white noise has six times its variance.
-        return max(
-            float(np.sqrt(np.nanmean(differences**2) / 6.0)), NOISE_FLOOR * self.position_scale / self.usual_time
-        )
+        noise = float(np.sqrt(np.nanmean(differences**2) / 6.0))
+        return max(noise, NOISE_FLOOR * self.position_scale / self.usual_time)
 
 
 def _thinned(time: FloatArray, measured: BoolArray, interval: float) -> IntArray:

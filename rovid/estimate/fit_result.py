@@ -168,7 +168,13 @@ class FitResult:
         plain = covariance = inverse_of_triangle(triangle)
         flat = ~triangle.any(axis=0)
         if sandwich:
-            covariance = _sandwich_by_runs(plain, *scores)
+            by_block, by_run = scores
+            covariance = sandwich_covariance(plain, by_block)
+            if len(by_run) >= _MIN_RUNS:
+                # An incomplete model has other best parameters for each kind of run: errors grow to those by runs.
+                ratio = np.diag(sandwich_covariance(plain, by_run)) / np.maximum(np.diag(covariance), 1e-300)
+                factor = np.sqrt(np.maximum(ratio, 1.0))
+                covariance = covariance * np.outer(factor, factor)
             # A coordinate without derivatives has no scores, which does not make it certain.
             covariance = np.where(flat | flat[:, np.newaxis], plain, covariance)
         inflation = float(np.median(np.sqrt(np.diag(covariance)[:3] / np.diag(plain)[:3])))
@@ -227,16 +233,3 @@ def fit(
     """Fit from (p,) ``start``; see `rovid.estimate.levenberg_marquardt.minimize`."""
     found = minimize(objective, start, iterations=iterations, tolerance=tolerance, goal=goal)
     return FitResult(objective, found.x, found.value, found.remaining_gain)
-
-
-def _sandwich_by_runs(plain: FloatArray, by_block: FloatArray, by_run: FloatArray) -> FloatArray:
-    """(p, p) sandwich from the scores of blocks, enlarged where those of runs scatter more.
-
-    An incomplete model has other best parameters for each kind of run. ``plain`` is the inverse information.
-    """
-    covariance = sandwich_covariance(plain, by_block)
-    if len(by_run) < _MIN_RUNS:
-        return covariance
-    ratio = np.diag(sandwich_covariance(plain, by_run)) / np.maximum(np.diag(covariance), 1e-300)
-    factor = np.sqrt(np.maximum(ratio, 1.0))
-    return np.asarray(covariance * np.outer(factor, factor))

@@ -1,7 +1,7 @@
 """Inner loop: a controller that keeps an ordered rate; its gain and its lag."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -86,12 +86,11 @@ def ordered_rate(config: Config) -> str:
     thruster, signal = config.vehicle.thrusters[0], config.commands[0]
     if thruster.is_rate_order:
         return thruster.name
-    return next(filter(_is_ordered_rate, signal.sources.values()), "")
-
-
-def _is_ordered_rate(source: str) -> bool:
-    words = name_words(source)
-    return bool(words & _ORDER_WORDS and (words & _RATE_WORDS or is_per_second(source)))
+    for source in signal.sources.values():
+        words = name_words(source)
+        if words & _ORDER_WORDS and (words & _RATE_WORDS or is_per_second(source)):
+            return source
+    return ""
 
 
 def _response(runs: Sequence[Run], name: str, axis: Axis, *, unit: float, wheels: bool = False) -> InnerLoop:
@@ -110,9 +109,13 @@ def _response(runs: Sequence[Run], name: str, axis: Axis, *, unit: float, wheels
     rate = rate[known]
 
     def columns(times: FloatArray) -> FloatArray:
-        """(m, 2) the late order in SI, and ones."""
-        order = np.concatenate([_late(run, unit, *times.tolist()) for run in runs])[known]
-        return np.column_stack((order, np.ones(len(order))))
+        """(m, 2) the order in SI behind a lag and a dead time in s, through the filter of the rates, and ones."""
+        lag, dead_time = times.tolist()
+        late = []
+        for run in runs:
+            time, order = run.trial.time, run.trial.commands[:, 0] * unit
+            late.append(run.rates.filter_held(run.trial, delayed(time, lagged(time, order, lag), dead_time)))
+        return np.column_stack((np.concatenate(late)[known], np.ones(len(rate))))
 
     def fitted(times: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gain and offset, and the (m,) residuals."""
@@ -120,15 +123,14 @@ def _response(runs: Sequence[Run], name: str, axis: Axis, *, unit: float, wheels
         values = np.linalg.lstsq(rows, rate, rcond=None)[0]
         return values, rate - rows @ values
 
-    def left(times: FloatArray) -> FloatArray:
-        return fitted(times)[1]
-
     longest = max(run.trial.duration for run in runs) * _LONGEST_LAG
     starts = [np.array([longest / 4.0**power, 0.0]) for power in range(1, _STARTS + 1)]
     start = min(starts, key=lambda times: float(np.sum(fitted(times)[1] ** 2)))
     step = longest * 1e-4
     bounds = np.zeros(2), np.full(2, longest)
-    found = least_squares(left, start, bounds=bounds, x_scale=float(start.max()), diff_step=[1e-3, 1e-3])
+    found = least_squares(
+        lambda times: fitted(times)[1], start, bounds=bounds, x_scale=float(start.max()), diff_step=[1e-3, 1e-3]
+    )
     times = np.asarray(found.x)
     (gain, _), residual = fitted(times)
     rows = columns(times)
@@ -138,19 +140,11 @@ def _response(runs: Sequence[Run], name: str, axis: Axis, *, unit: float, wheels
     # Sums over blocks are independent, although successive residuals are not.
     scores = np.array([part.sum(axis=0) for part in np.array_split(jacobian * residual[:, None], _BLOCKS)])
     covariance = inverse @ (scores.T @ scores) @ inverse
-    return InnerLoop(
-        name=name,
+    return replace(
+        nothing,
         gain=float(gain),
         gain_error=float(np.sqrt(covariance[0, 0])),
         lag=float(times.sum()),
         lag_error=float(np.sqrt(covariance[2:, 2:].sum())),
         r2=max(1.0 - float(np.var(residual) / np.var(rate)), 0.0),
-        axis=axis,
-        wheels=wheels,
     )
-
-
-def _late(run: Run, unit: float, lag: float, dead_time: float) -> FloatArray:
-    """(m,) order in SI behind a lag and a dead time in s, through the filter of the rates."""
-    time, order = run.trial.time, run.trial.commands[:, 0] * unit
-    return run.rates.filter_held(run.trial, delayed(time, lagged(time, order, lag), dead_time))

@@ -90,11 +90,6 @@ class InnovationLikelihood(NegativeLogLikelihood):
         """Whether the filter has two more states for an oscillating effect."""
         return any(effect.oscillatory for effect in self.effects)
 
-    def noise_parameters(self, x: FloatArray) -> FloatArray:
-        """(4,) as in `rovid.model.filter_batch.ParameterBatch`."""
-        sizes = np.exp(x[DISTURBANCE:COMMON])
-        return np.array([*sizes, sizes[2] if self.data.rate_only else self.data.gyro_noise])
-
     def evaluate(self, points: Sequence[FloatArray]) -> list[Innovations]:
         """For each of the (p,) ``points``, (N,) innovations in rad or m, and rad/s or m/s, with their variances."""
         return [one for few in _groups(LANES, [(self, x) for x in points]) for one in _evaluate_batch(few)]
@@ -211,7 +206,11 @@ def _filter_chunk(pairs: Sequence[tuple[InnovationLikelihood, FloatArray]]) -> l
     corrected = list(map(chunk.corrected_angle, models))
     torque_inputs, angles = list(map(chunk.inputs.between_steps, models)), [one.angle for one in corrected]
     inputs = FilterInputs.stack(torque_inputs, angles)
-    batch = ParameterBatch.stack(models, [objective.noise_parameters(x) for objective, x in filled])
+    noise = []
+    for objective, x in filled:
+        sizes = np.exp(x[DISTURBANCE:COMMON])
+        noise.append(np.array([*sizes, sizes[2] if objective.data.rate_only else objective.data.gyro_noise]))
+    batch = ParameterBatch.stack(models, noise)
     kernel = ekf5_innovations if first.has_oscillator else ekf3_innovations
     errors, variances = kernel(chunk.filter_data, inputs, batch)
     if chunk.unknown_pasts is not None:

@@ -12,12 +12,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.threads import thread_map
 from rovid.effects import Effect, forms_for
 from rovid.effects.actuator_inputs import SPEEDS
-from rovid.estimate.dataset import rms, rms_nonzero, time_constant
-from rovid.estimate.experiment_design import DECISIVE_LLR, CandidateModel, fit_objective, noise_free
-from rovid.estimate.innovation_likelihood import InnovationLikelihood
-from rovid.estimate.nested_fits import scaled_start
-from rovid.estimate.parametrization import COMMON, DISTURBANCE
-from rovid.estimate.sized_causes import (
+from rovid.estimate.assumed_models import (
     SIZE_SHARES,
     SizedCause,
     channels,
@@ -26,6 +21,11 @@ from rovid.estimate.sized_causes import (
     split_causes,
     with_effect,
 )
+from rovid.estimate.dataset import rms, rms_nonzero, time_constant
+from rovid.estimate.experiment_design import DECISIVE_LLR, CandidateModel, fit_objective, noise_free
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.nested_fits import scaled_start
+from rovid.estimate.parametrization import COMMON, DISTURBANCE
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
@@ -160,16 +160,12 @@ def expected_separations(
 
 def _sensor_causes(vehicle: Vehicle, logged: set[str]) -> dict[str, tuple[str, ...]]:
     """Ids of the effects that a vehicle with ``logged`` channels can test only with each further sensor."""
-
-    def ids(channels: set[str]) -> list[str]:
-        return list(dict.fromkeys(form.id for form in forms_for(vehicle, channels)))
-
-    known = ids(logged)
-    return {
-        name: tuple(one for one in ids(logged.union(own)) if one not in known)
-        for name, own in SENSORS.items()
-        if not logged.issuperset(own)
-    }
+    known, found = {form.id for form in forms_for(vehicle, logged)}, {}
+    for name, own in SENSORS.items():
+        if not logged.issuperset(own):
+            testable = dict.fromkeys(form.id for form in forms_for(vehicle, logged.union(own)))
+            found[name] = tuple(one for one in testable if one not in known)
+    return found
 
 
 def _decision(gains: FloatArray, ends: FloatArray) -> float:
@@ -189,11 +185,11 @@ class ExpectedFits:
         usual = float(np.median([trial.sampling_interval for trial in programme]))
         rate = rms(simulated_rates(base.model, vehicle, programme))
         interval = time_constant(base.model, rate) / _READINGS_PER_CONSTANT
-        if interval < 2.0 * usual:
-            interval = 0.0
-        else:
+        if interval >= 2.0 * usual:
             # White noise of the same power in fewer readings.
             self._base = replace(base, noise=base.noise * math.sqrt(usual / interval))
+        else:
+            interval = 0.0
         simulated = [noise_free(trial, truth, vehicle) for trial in programme]
         self._objective = fit_objective(simulated, base, vehicle, interval)
         self._readings = sensor_readings(truth.model, vehicle, programme)
@@ -213,12 +209,10 @@ class ExpectedFits:
         objective = replace(self._objective, effects=effects)
         parametrization = objective.parametrization
         begin = base.coordinates(self._objective)
-        own = (
-            [scaled_start(rival, initial, share) for initial in rival.initial_values for share in _STARTS]
-            if rival
-            else []
-        )
-        starts = [np.concatenate((begin, one)) for one in own] or [begin]
+        starts = [begin]
+        if rival:
+            own = [scaled_start(rival, initial, share) for initial in rival.initial_values for share in _STARTS]
+            starts = [np.concatenate((begin, one)) for one in own]
         start = objective.most_likely([np.clip(start, *parametrization.bounds) for start in starts], 1)[0]
         x, residual, jacobian = _fitted(objective, start, _COARSE_STEPS)
         if 0.5 * residual @ residual < _CERTAIN:

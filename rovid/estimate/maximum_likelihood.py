@@ -139,8 +139,9 @@ def loosen_limit(fitted: FitResult) -> FitResult:
     A larger disturbance is real, and no sign of missing physics, where it makes a model with effects adequate.
     """
     least = fitted.simulated_r2 - MAX_R2_LOSS
-    wider = [limit for limit in DISTURBANCE_LIMITS if limit > fitted.objective.limit]
-    for limit in wider:
+    for limit in DISTURBANCE_LIMITS:
+        if limit <= fitted.objective.limit:
+            break
         loose = fit(fitted.objective.with_limit(limit), fitted.x)
         if loose.simulated_r2 >= least:
             fitted = loose

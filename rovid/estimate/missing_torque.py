@@ -82,24 +82,17 @@ class _Scores(NamedTuple):
     def only(self, kinds: Collection[str]) -> Self:
         """The scores of the torques of some kinds."""
         at = [k for k, name in enumerate(self.kinds) if name in kinds]
-        information = self.information[np.ix_(at, at)]
-        return self._replace(
-            score=self.score[at],
-            information=information,
-            shift=self.shift[:, at],
-            kinds=tuple(self.kinds[k] for k in at),
-        )
+        information, names = self.information[np.ix_(at, at)], tuple(self.kinds[k] for k in at)
+        return self._replace(score=self.score[at], information=information, shift=self.shift[:, at], kinds=names)
 
 
 def include_missing_torque(estimate: Estimate, fitted: FitResult) -> Estimate:
     """``estimate`` of the model ``fitted`` with errors that include torques which the model lacks, and a warning."""
     shown, size = fitted.objective.parametrization.model_jacobian(fitted.x)
     covariance = missing_torque_covariance(fitted)[np.ix_(shown, shown)] * np.outer(size, size)
-    names = fitted.model.names
-    at = list(map(names.index, estimate.names))
+    at = list(map(fitted.model.names.index, estimate.names))
     added = covariance[np.ix_(at, at)]
-    wider = replace(estimate, covariance=estimate.covariance + added)
-    reach = []
+    wider, reach = replace(estimate, covariance=estimate.covariance + added), []
     for k, name in enumerate(estimate.names[:_BASE]):
         if wider.standard_error(name) > _REPORTED * estimate.standard_error(name):
             most = significant(2.0 * float(np.sqrt(added[k, k])), 2)
@@ -127,21 +120,16 @@ def missing_torque_covariance(fitted: FitResult) -> FloatArray:
     torques of all kinds where the laws are likelier. The gains of the thrusters add their covariance, with their share
     of the likelihood: all runs that drive the thrusters alike agree on wrong parameters.
     """
-    likeliest = _likeliest(fitted)
+    first, *alone = _hypotheses(fitted)
+    own = {effect.id for effect in fitted.effects} if fitted.is_white else set()
+    rivals = [one for one in alone if one.gain > 0.0 and (first.gain <= 0.0 or one.kinds <= own)]
+    likeliest = max((first, *rivals), key=_gain)
     covariance = likeliest.covariance
-    for one in _hypotheses(fitted):
+    for one in (first, *alone):
         if one.kinds <= _OWN and one.kinds != likeliest.kinds and one.gain > 0.0:
             total = np.logaddexp(max(likeliest.gain, 0.0), one.gain)
             covariance = covariance + np.exp(one.gain - total) * one.covariance
     return covariance
-
-
-def _likeliest(fitted: FitResult) -> "_LackingTorques":
-    """The likeliest torques: those of all kinds, unless others are likelier that may replace them."""
-    first, *alone = _hypotheses(fitted)
-    own = {effect.id for effect in fitted.effects} if fitted.is_white else set()
-    rivals = [one for one in alone if one.gain > 0.0 and (first.gain <= 0.0 or one.kinds <= own)]
-    return max((first, *rivals), key=_gain)
 
 
 def lacks_torque(fitted: FitResult) -> bool:
@@ -207,11 +195,7 @@ def _hypotheses(fitted: FitResult, *, white: bool | None = None) -> Iterator[_La
     least, laws = _LEAST_GAIN if white else 0.0, {effect.id for effect in fitted.effects}
     yield _LackingTorques.of(found.only({*found.kinds} - _OWN), least, even=white)
     single = [{kind} for kind in found.kinds if kind != _ABSORBED]
-    several = (
-        [*single, laws.intersection(found.kinds)]
-        if white
-        else [{kind} for kind in sorted(_OWN.intersection(found.kinds))]
-    )
+    several = [*single, laws.intersection(found.kinds)] if white else [{kind} for kind in sorted(_OWN & {*found.kinds})]
     groups = dict.fromkeys(frozenset(group) for group in several if group)
     for group in groups:
         yield _LackingTorques.of(found.only(group), least + float(np.log(len(groups))), even=white)

@@ -77,7 +77,7 @@ class MultiStepData(FitData):
     @cached_property
     def steps(self) -> list[IntArray]:
         """For each run, the (n,) samples that are held at the grid instants."""
-        return [held_rows(gridded.run.trial.time, gridded.time) for gridded in self.gridded_runs]
+        return [np.unique(held_rows(gridded.run.trial.time, gridded.time)) for gridded in self.gridded_runs]
 
     @cached_property
     def gridded_runs(self) -> list[GriddedRun]:
@@ -148,7 +148,7 @@ class MultiStepData(FitData):
 
 def prediction_errors(data: MultiStepData, model: Model) -> FloatArray:
     """(N,) predicted minus measured position at the end of every prediction, in rad or m."""
-    from rovid.model.kernels import predict_multi_step
+    from rovid.model.kernels import effects_along, predict_multi_step
 
     grid = data.grid
     if not grid.starts.size:
@@ -163,19 +163,17 @@ def prediction_errors(data: MultiStepData, model: Model) -> FloatArray:
         for column, series in zip(effect_inputs.T, torque_input.effect_inputs.T, strict=True):
             if series.any():
                 column[:] = data.interval_means(series)
-    predicted = predict_multi_step(
-        grid.period,
-        torque,
-        effect_inputs,
-        measured.rate,
-        measured.angle,
-        _term_states(data, model, measured, torque, effect_inputs),
-        grid.restarts,
-        grid.reach,
-        data.first_positions[grid.run],
-        model.body,
-        model.terms,
-    )[grid.restart_number, grid.ends - grid.starts]
+    # (m, k * TERM_STATES) states of the terms along the measured motion.
+    states, first = np.zeros((len(torque), 0)), data.first_positions
+    if model.terms.stateful:
+        motion = np.column_stack((measured.bridged_rate, measured.angle, torque))
+        offsets = np.cumsum([0, *(len(gridded.time) for gridded in data.gridded_runs)])
+        periods = np.array([gridded.period for gridded in data.gridded_runs])
+        states = effects_along(offsets, periods, motion, effect_inputs, first, model.body, model.terms)[1]
+    known = torque, effect_inputs, measured.rate, measured.angle, states
+    restarts = grid.restarts, grid.reach, first[grid.run]
+    turned = predict_multi_step(grid.period, *known, *restarts, model.body, model.terms)
+    predicted = turned[grid.restart_number, grid.ends - grid.starts]
     # The likelihood is that of the measured position, including the sensor's deviation.
     error = predicted - (measured.angle[grid.ends] - measured.angle[grid.starts])
     return np.asarray(error * measured.slope[grid.ends])
@@ -189,22 +187,6 @@ def _true_trajectory(gridded: GriddedRun, model: Model) -> Trajectory:
     slope = np.interp(gridded.time, trial.time, slopes)
     rate = gridded.trajectory.rate if rates.from_gyro else gridded.trajectory.rate / slope
     return Trajectory.of(gridded.time, gridded.angle + correction, rate, slope)
-
-
-def _term_states(
-    data: MultiStepData, model: Model, measured: Trajectory, torque: FloatArray, effect_inputs: FloatArray
-) -> FloatArray:
-    """(m, k * TERM_STATES) states of the terms of ``model`` along the measured motion."""
-    from rovid.model.kernels import effects_along
-
-    if not model.terms.stateful:
-        return np.zeros((len(torque), 0))
-    motion = np.column_stack((measured.bridged_rate, measured.angle, torque))
-    runs = data.gridded_runs
-    offsets = np.cumsum([0, *(len(gridded.time) for gridded in runs)])
-    periods = np.array([gridded.period for gridded in runs])
-    start = data.first_positions
-    return np.asarray(effects_along(offsets, periods, motion, effect_inputs, start, model.body, model.terms)[1])
 
 
 def _weights(runs: Sequence[GriddedRun], errors: FloatArray) -> FloatArray:

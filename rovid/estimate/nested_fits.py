@@ -9,7 +9,7 @@ system, and change places without a change of the motion: I/D <-> T. Both orders
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import combinations, product
 
 import numpy as np
@@ -91,10 +91,11 @@ def _extended(
 ) -> FitResult:
     """The best fit of ``base`` with ``effects``, from the ``fits`` with one of them less."""
     objective = base.objective.with_effects(effects, base.objective.mask)
-    smaller = [(fits[rest], effect) for rest, effect in _one_less(effects) if rest in fits]
-    begins, weak = list[FloatArray](), list[FloatArray]()
-    neutral = list[tuple[float, FloatArray]]()
-    for nested, effect in smaller:
+    begins, weak, neutral = list[FloatArray](), list[FloatArray](), list[tuple[float, FloatArray]]()
+    for effect in effects:
+        nested = fits.get(tuple(other for other in effects if other is not effect))
+        if nested is None:
+            continue
         larger = base.objective.with_effects((*nested.effects, effect), base.objective.mask)
         starts = larger.parametrization.initial_values()
         if effect in alone:
@@ -111,12 +112,6 @@ def _extended(
     coarse = sorted((fit(objective, x, iterations=_COARSE_ITERATIONS) for x in chosen), key=lambda one: one.value)
     best = min((fit(objective, one.x) for one in coarse[:_CONTINUED]), key=lambda one: one.value)
     return exchanged_or_same(at_best_instant(best))
-
-
-def _one_less(effects: tuple[Effect, ...]) -> Iterator[tuple[tuple[Effect, ...], Effect]]:
-    """Each subset of ``effects`` with one less, and the effect that it lacks."""
-    for effect in effects:
-        yield tuple(other for other in effects if other is not effect), effect
 
 
 def _in_order(objective: NegativeLogLikelihood, x: FloatArray, effects: Sequence[Effect]) -> FloatArray:

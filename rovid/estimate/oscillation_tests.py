@@ -64,7 +64,7 @@ class PeriodicMotion:
         return float(np.max(np.abs(self.over_one_period(amplitudes))))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SineTrial:
     """One sine run with the periodic motion of all its whole periods, and of all but each one."""
 
@@ -93,7 +93,7 @@ class InertiaReading:
 def sine_trials(runs: Sequence[Run]) -> list[SineTrial]:
     """Find the sine runs and fit their harmonics."""
     found = [_sine_trial(run, sine) for run in runs for sine in find_sines(run.trial, run.torque)]
-    return [trial for trial in found if trial is not None]
+    return list(filter(None, found))
 
 
 def require_motion(trials: Sequence[SineTrial], axis: Axis) -> None:
@@ -120,15 +120,8 @@ def _sine_trial(run: Run, sine: SineRun) -> SineTrial | None:
         return None
     cycle = ((rates.time[rows] - first) / sine.period).astype(np.intp)
     without = [_fit_harmonics(run, rows[cycle != k], sine.period) for k in range(cycles)]
-    return SineTrial(
-        source=run.trial.name,
-        start=first,
-        stop=sine.stop,
-        period=sine.period,
-        cycles=cycles,
-        motion=_fit_harmonics(run, rows, sine.period),
-        without=tuple(without),
-    )
+    motion = _fit_harmonics(run, rows, sine.period)
+    return SineTrial(run.trial.name, first, sine.stop, sine.period, cycles, motion, tuple(without))
 
 
 def _fit_harmonics(run: Run, rows: IntArray, period: float) -> PeriodicMotion:
@@ -197,7 +190,11 @@ def _combine(trials: Sequence[SineTrial], measure: Callable[[PeriodicMotion], tu
     """
     work, weight = np.array([measure(trial.motion) for trial in trials]).T
     values = work / weight
-    scatter = [_jackknife_error(list(map(measure, trial.without))) for trial in trials]
+    scatter = []  # kg m^2, standard error of each run by the jackknife
+    for trial in trials:
+        ratios = np.array([part / whole for part, whole in map(measure, trial.without)])
+        squares = float(np.sum((ratios - ratios.mean()) ** 2))
+        scatter.append(math.sqrt((len(ratios) - 1) / len(ratios) * squares))
     dof = np.array([trial.cycles - 1 for trial in trials])
     density = float(np.sum(np.square(scatter) * weight * dof) / dof.sum())
     errors = np.sqrt(density / weight)
@@ -212,14 +209,6 @@ def _combine(trials: Sequence[SineTrial], measure: Callable[[PeriodicMotion], tu
     return InertiaReading(value=value, standard_error=error, runs=tuple(runs), consistent=consistent)
 
 
-def _jackknife_error(measures: Sequence[tuple[float, float]]) -> float:
-    """Standard error in kg m^2, from the (work, weight) without each period."""
-    ratios = np.array([work / weight for work, weight in measures])
-    count = len(ratios)
-    squares = float(np.sum((ratios - ratios.mean()) ** 2))
-    return math.sqrt((count - 1) / count * squares)
-
-
 def peak_method(trials: Sequence[SineTrial], drag: Model) -> InertiaReading:
     """The founding paper's method: (peak torque - steady torque at the peak rate) / peak acceleration.
 
@@ -227,9 +216,7 @@ def peak_method(trials: Sequence[SineTrial], drag: Model) -> InertiaReading:
     biased, mostly low; see ``peak_bias``.
     """
     values = [peak_inertia(trial.motion, drag) for trial in trials]
-    error = math.nan
-    if len(values) > 1:
-        error = float(np.std(values, ddof=1) / math.sqrt(len(values)))
+    error = float(np.std(values, ddof=1) / math.sqrt(len(values))) if len(values) > 1 else math.nan
     runs = tuple((trial.source, value, math.nan) for trial, value in zip(trials, values, strict=True))
     return InertiaReading(value=float(np.mean(values)), standard_error=error, runs=runs)
 
@@ -310,7 +297,9 @@ def analyse_free_decay(model: Model, estimate: Estimate, runs: Sequence[Run], ve
     error = period.standard_error / period.value * frequency
     swings = []
     for run, tilt in zip(runs, tilts, strict=True):
-        swings.append(swing(run.trial.name, float(np.max(np.abs(tilt))), _median_channels(run.trial)))
+        known = {name: values[np.isfinite(values)] for name, values in run.trial.extras.items()}
+        medians = {name: float(np.median(values)) for name, values in known.items() if values.size}
+        swings.append(swing(run.trial.name, float(np.max(np.abs(tilt))), medians))
     return FreeDecay(
         rms_swing=rms_swing,
         swings=tuple(swings),
@@ -326,12 +315,6 @@ def analyse_free_decay(model: Model, estimate: Estimate, runs: Sequence[Run], ve
             "quadratic_drag": quantity(lambda m: m.quadratic_drag / m.inertia, "1/rad"),
         },
     )
-
-
-def _median_channels(trial: Trial) -> dict[str, float]:
-    """Median of each extra channel of ``trial``."""
-    known = {name: values[np.isfinite(values)] for name, values in trial.extras.items()}
-    return {name: float(np.median(values)) for name, values in known.items() if values.size}
 
 
 def _standard_error(formula: Callable[[Model], float], model: Model, estimate: Estimate) -> float:

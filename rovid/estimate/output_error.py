@@ -315,49 +315,33 @@ def _fit(runs: tuple[Run, ...]) -> Model:
     def residuals(x: FloatArray) -> FloatArray:
         """(N,) measured minus simulated rate; zero where the filter has no answer."""
         here = model(x)
-
-        def of_run(run: Run) -> FloatArray:
-            return np.nan_to_num(run.rates.rate - simulated_rate(run, here, TorqueInput.held(run.torque)))
-
-        return np.concatenate(parallel_map(of_run, runs))
+        errors = parallel_map(
+            lambda run: run.rates.rate - simulated_rate(run, here, TorqueInput.held(run.torque)), runs
+        )
+        return np.nan_to_num(np.concatenate(errors))
 
     unbounded = np.full(len(start) - 3, np.inf)
     low, high = np.array([0.05, 0.0, 0.0, *-unbounded]), np.array([20.0, np.inf, np.inf, *unbounded])
     begin = (start / scale)[free]
     bounds = low[free], high[free]
     solution = least_squares(residuals, begin, bounds=bounds, x_scale=np.maximum(np.abs(begin), 0.1))
-    return _with_resolved_decay(model(solution.x), rate, runs)
-
-
-def _with_resolved_decay(model: Model, rate: float, runs: Sequence[Run]) -> Model:
-    """``model`` with less drag where its motion decays in less than a fifth of the sampling interval.
-
-    Drag runs off where the best simulation stands still. Filters then take thousands of steps in each interval.
-    """
+    found = model(solution.x)
+    # Drag runs off where the best simulation stands still. Filters would then take thousands of steps in each interval.
     shortest = _SHORTEST_DECAY * float(np.median([run.trial.sampling_interval for run in runs]))
-    share = min(time_constant(model, rate) / shortest, 1.0)
-    return replace(model, quadratic_drag=share * model.quadratic_drag, linear_drag=share * model.linear_drag)
+    share = min(time_constant(found, rate) / shortest, 1.0)
+    return replace(found, quadratic_drag=share * found.quadratic_drag, linear_drag=share * found.linear_drag)
 
 
 def _start(runs: Sequence[Run]) -> FloatArray:
-    """Initial parameters by regression, or by RMS values where the regression fails.
+    """Initial parameters by regression; where that fails, by RMS values of torque and acceleration, and by power.
 
-    The regression fails where effects dominate, such as slow thrusters under an oscillating autopilot.
+    The regression fails where effects dominate, such as slow thrusters under an oscillating autopilot. The dissipated
+    power gives a quadratic drag if there is any, and no restoring torque acts.
     """
     try:
         return fit_regression(runs, min_sigmas=0.0).estimate.values
-    except DataError:
-        start = _start_by_rms(runs)
-        if start is None:
-            raise
-        return start
-
-
-def _start_by_rms(runs: Sequence[Run]) -> FloatArray | None:
-    """Inertia by the RMS torque and acceleration, and quadratic drag by the dissipated power.
-
-    None where no power is dissipated, or where a restoring torque acts too.
-    """
+    except DataError as refusal:
+        error = refusal
     series = []
     for run in runs:
         torque = np.interp(run.rates.time, run.trial.time, run.torque)
@@ -366,7 +350,7 @@ def _start_by_rms(runs: Sequence[Run]) -> FloatArray | None:
     rate, acceleration, torque = every[:, np.isfinite(every[:2]).all(axis=0)]
     power = float(torque @ rate)
     if not power > 0.0 or restoring_effect(runs[0].trial.axis) is not None:
-        return None
+        raise error
     inertia = float(np.linalg.norm(torque) / np.linalg.norm(acceleration))
     drag = power / np.sum(np.abs(rate) ** 3)
     return np.array([inertia, drag, 0.0])

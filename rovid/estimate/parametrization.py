@@ -50,15 +50,9 @@ class Parametrization:
         # Without actuators the data do not determine the inertia.
         reach = _INERTIA_RANGE if data.has_actuators else 0.0
         shortest, longest = (math.log(bound * data.usual_time) for bound in _MEMORY_BOUNDS)
-        low = [
-            inertia - reach,
-            0.0,
-            0.0,
-            top - _DISTURBANCE_RANGE,
-            shortest,
-            math.log(NOISE_FLOOR * data.reading_scale),
-        ]
-        high = [inertia + reach, np.inf, np.inf, top, longest, math.log(_MAX_NOISE * data.reading_scale)]
+        least, most = (math.log(bound * data.reading_scale) for bound in (NOISE_FLOOR, _MAX_NOISE))
+        low = [inertia - reach, 0.0, 0.0, top - _DISTURBANCE_RANGE, shortest, least]
+        high = [inertia + reach, np.inf, np.inf, top, longest, most]
         own = _parameters(data, effects)
         low += [parameter.low for parameter in own]
         high += [parameter.high for parameter in own]
@@ -106,9 +100,8 @@ class Parametrization:
         """Each effect with the slice of its coordinates."""
         slices, at = [], self.effects_begin
         for effect in self.effects:
-            end = at + len(effect.parameters)
-            slices.append((effect, slice(at, end)))
-            at = end
+            slices.append((effect, slice(at, at + len(effect.parameters))))
+            at += len(effect.parameters)
         return slices
 
     def initial_values(self) -> list[FloatArray]:

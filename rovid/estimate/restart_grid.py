@@ -51,7 +51,7 @@ class Trajectory(NamedTuple):
         return cls(*(np.concatenate(series) for series in zip(*each, strict=True)))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class GriddedRun:
     """Measured motion of one run on a grid, and the predictions along it."""
 
@@ -73,17 +73,8 @@ class GriddedRun:
         stride = max(round(GRID * time_constant / rates.kernel.period), 1)
         time, rate = rates.time[::stride], rates.rate[::stride]
         angle = resample(trial, trial.body_position, rates.time)[::stride]
-        starts, ends, horizon = _predictions(angle, rate, stride * rates.kernel.period, time_constant, restart_seconds)
-        return cls(
-            run=run,
-            time=time,
-            stride=stride,
-            angle=angle,
-            trajectory=Trajectory.of(time, angle, rate, np.ones(len(time))),
-            starts=starts,
-            ends=ends,
-            horizon=horizon,
-        )
+        predictions = _predictions(angle, rate, stride * rates.kernel.period, time_constant, restart_seconds)
+        return cls(run, time, stride, angle, Trajectory.of(time, angle, rate, np.ones(len(time))), *predictions)
 
     def over(self, horizons: IntArray) -> Self:
         """The same motion with the predictions over some ``horizons`` alone."""
@@ -103,7 +94,7 @@ class GriddedRun:
         return np.unique(self.starts, return_inverse=True)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RestartGrid:
     """Predictions of all runs on their grids, one after the other. Restarts are sorted by reach, the longest first."""
 
@@ -133,16 +124,8 @@ class RestartGrid:
         order = np.argsort(-reach, kind="stable")
         place = np.empty_like(order)
         place[order] = np.arange(len(order))
-        periods = np.array([one.stride * one.run.rates.kernel.period for one in runs])
-        return cls(
-            starts=starts,
-            ends=ends,
-            restarts=restarts[order],
-            reach=reach[order],
-            restart_number=place[number],
-            run=run[order],
-            period=periods[run[order]],
-        )
+        periods = np.array([one.stride * one.run.rates.kernel.period for one in runs])[run[order]]
+        return cls(starts, ends, restarts[order], reach[order], place[number], run[order], periods)
 
 
 def _predictions(
@@ -188,7 +171,7 @@ class IntervalMeans:
         offsets = np.cumsum([0, *map(len, times)])
         latest, since = [], []
         for offset, time, grid in zip(offsets[:-1], times, grids, strict=True):
-            before = _latest(time, grid)
+            before = held_rows(time, grid)
             latest.append(offset + before)
             since.append(grid - time[before])
         held = np.concatenate(latest)
@@ -214,10 +197,5 @@ class IntervalMeans:
 
 
 def held_rows(time: FloatArray, grid: FloatArray) -> IntArray:
-    """Samples of the (n,) instants ``time`` whose values are held at any grid instant; both in s."""
-    return np.unique(_latest(time, grid))
-
-
-def _latest(time: FloatArray, grid: FloatArray) -> IntArray:
-    """(m,) latest of the (n,) instants at each grid instant."""
+    """(m,) latest of the (n,) samples ``time`` at each grid instant, whose values are held there; both in s."""
     return np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)

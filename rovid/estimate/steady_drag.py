@@ -1,4 +1,4 @@
-"""Quadratic and linear drag from steady turns."""
+"""Quadratic and linear drag from steady turns, with errors under a disturbance of unknown memory."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -7,13 +7,12 @@ from itertools import compress
 
 import numpy as np
 
-from rovid.core.array_types import BoolArray, FloatArray
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus, round_to_error
 from rovid.core.input_files import SMALLEST
 from rovid.core.stats import chi2_sf, f_sf
 from rovid.estimate.estimate import Estimate, r_squared
-from rovid.estimate.lasting_disturbance import lasting_covariance
 from rovid.estimate.steady_points import SteadyPoint, TorqueBalance, WlsSolution, pooled_errors
 from rovid.model.parameter_names import base_names
 from rovid.trial.axis import YAW, Axis
@@ -29,6 +28,15 @@ _MIN_RATE_RATIO = 1.25
 _MIN_FREEDOM = 2
 # Largest p-value of the F test at which the two directions are reported as different.
 _DIFFERENT_P = 0.01
+# Memories of a disturbance in usual lengths of a hold, from none to one that outlasts a series of holds; convention.
+_MEMORIES = (0.02, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+# Variance of a torque that each hold has for itself, over that of the disturbance in a part of a hold: none, a quarter
+# and three quarters of both; convention.
+_OWN = (0.0, 1.0 / 3.0, 3.0)
+# Variance of the noise of a part, over that of the disturbance in it; convention. It keeps parts of equal times apart.
+_NOISE = 1e-4
+# Probabilities of an error beyond two and three standard errors: that of the normal distribution; convention.
+_BEYOND = {2.0: 0.0455, 3.0: 0.01}
 _ADVICE = (
     "Run held commands: at least four levels each way, from the slowest that {} the vehicle to the fastest, "
     "each for five time constants plus a minute (about 2 min for a work-class vehicle, 20 s for a small one), "
@@ -80,15 +88,11 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     balance = TorqueBalance.of(fitted, axis, np.array([name not in refused for name in names]))
     if not balance.is_determined:
         raise _not_distinguishable(fitted, [name for name in names if name not in refused], axis)
-    lasting = None
     if not table:
         if balance.degrees_of_freedom < _MIN_FREEDOM:
             raise _too_few(fitted, balance, axis)
         balance = pooled_errors(balance, fitted)
-        lasting = lasting_covariance(balance, fitted)
-    solution = balance.solve()
-    if lasting is not None:
-        solution = solution._replace(covariance=lasting, degrees_of_freedom=math.inf)
+    solution = _solve(balance, fitted, table=table)
     negative = balance.free & (solution.values < 0.0) & np.isin(names, NAMES)
     clipped = bool(negative.any() and balance.free.all())
     warnings = list[str]()
@@ -109,16 +113,13 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
         mend = f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}."
         raise DataError(text, mend=mend)
     residuals = balance.residuals(solution.values)
-    kind = "weighted" if balance.error_known else "ordinary"
-    method = f"{_states(axis)}, {kind} least squares"
+    method = f"{_states(axis)}, {'weighted' if balance.error_known else 'ordinary'} least squares"
     estimate = replace(_estimate(method, names, solution, axis, len(fitted)), refused=refused)
     rows = {"up": balance.design[:, 1] > 0, "down": balance.design[:, 1] < 0}
     # With a net buoyancy as a further unknown, one direction alone determines too little.
     directions = _fit_directions(fitted, balance, rows, axis) if len(names) == len(NAMES) else {}
-    warnings += [
-        *_parameter_warnings(estimate),
-        *_direction_warnings(fitted, balance, residuals, rows, directions, axis),
-    ]
+    warnings += _parameter_warnings(estimate)
+    warnings += _direction_warnings(fitted, balance, residuals, rows, directions, axis)
     return DragFit(
         estimate=replace(estimate, warnings=tuple(warnings)),
         points=fitted,
@@ -132,16 +133,7 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
 
 
 def _estimate(method: str, names: tuple[str, ...], solution: WlsSolution, axis: Axis, samples: int) -> Estimate:
-    values, covariance, freedom = solution
-    return Estimate(
-        names=names,
-        values=values,
-        covariance=covariance,
-        degrees_of_freedom=freedom,
-        method=method,
-        samples=samples,
-        axis=axis,
-    )
+    return Estimate(method=method, names=names, axis=axis, samples=samples, **solution._asdict())
 
 
 def _states(axis: Axis) -> str:
@@ -195,19 +187,17 @@ def _undetermined(points: Sequence[SteadyPoint], axis: Axis) -> dict[str, str]:
     speeds = np.abs([point.rate for point in points])
     slowest, fastest = speeds.min(), speeds.max()
     if fastest < _MIN_RATE_RATIO * slowest:
-        reason = (
-            f"all {_states(axis)} are at nearly the same rate ({slowest:.3g} to {fastest:.3g} {axis.unit('rad/s')}), "
-            "which does not distinguish quadratic from linear drag. The linear drag is taken as zero; the quadratic "
-            "drag and its error hold at that rate only. Run holds at other commands."
-        )
-    elif _from_table(points) and len(points) <= len(NAMES):
-        reason = (
-            f"{len(points)} rows leave no residual to estimate the error from; the linear drag is taken as zero. Give "
-            "three rows or more."
-        )
-    else:
-        return {}
-    return {"linear_drag": reason}
+        return {
+            "linear_drag": f"all {_states(axis)} are at nearly the same rate ({slowest:.3g} to {fastest:.3g} "
+            f"{axis.unit('rad/s')}), which does not distinguish quadratic from linear drag. The linear drag is taken "
+            "as zero; the quadratic drag and its error hold at that rate only. Run holds at other commands."
+        }
+    if _from_table(points) and len(points) <= len(NAMES):
+        return {
+            "linear_drag": f"{len(points)} rows leave no residual to estimate the error from; the linear drag is taken "
+            "as zero. Give three rows or more."
+        }
+    return {}
 
 
 def _parameter_warnings(estimate: Estimate) -> Iterator[str]:
@@ -235,12 +225,17 @@ def _fit_directions(
         part, chosen = balance.subset(rows), list(compress(points, rows))
         if part.degrees_of_freedom < least or rows.all() or _undetermined(chosen, axis) or not part.is_determined:
             continue
-        method, solution = f"{_states(axis)}, {axis.position_words} {name} only", part.solve()
-        if not table:
-            covariance = lasting_covariance(part, chosen)
-            solution = solution._replace(covariance=covariance, degrees_of_freedom=math.inf)
+        method, solution = f"{_states(axis)}, {axis.position_words} {name} only", _solve(part, chosen, table=table)
         fits[name] = _estimate(method, NAMES, solution, axis, len(chosen))
     return fits
+
+
+def _solve(balance: TorqueBalance, points: Sequence[SteadyPoint], *, table: bool) -> WlsSolution:
+    """The solution of the balance; points of logs have errors that allow for a lasting disturbance."""
+    solution = balance.solve()
+    if table:
+        return solution
+    return solution._replace(covariance=lasting_covariance(balance, points), degrees_of_freedom=math.inf)
 
 
 def _direction_warnings(
@@ -283,3 +278,110 @@ def _direction_warnings(
             f"{axis.position_words} growing, {down} with it falling. Thrust curve, a constant "
             f"{axis.force_name} or the drag itself is not the same both ways."
         )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Parts:
+    """The n parts of the holds of one log."""
+
+    hold: IntArray  #: (n,) number of the hold among all.
+    start: FloatArray  #: (n,) s.
+    length: FloatArray  #: (n,) s.
+    torque: FloatArray  #: (n,) N m, less what the rate of the part differs from that of the hold.
+    share: FloatArray  #: (n,) of the part in its hold.
+
+    def shapes(self, memory: float, scale: float) -> FloatArray:
+        """(m, n, n) covariances of the torque balances for each of `_OWN`, over the disturbance's in a usual part."""
+        shared = _mean_covariance(self.start, self.length, memory) / scale
+        same_hold = np.equal.outer(self.hold, self.hold)
+        own = np.array(_OWN)[:, np.newaxis, np.newaxis]
+        return np.asarray(shared + own * same_hold + _NOISE * np.eye(len(self.hold)))
+
+
+def lasting_covariance(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> FloatArray:
+    """(p, p) covariance of `TorqueBalance.solve` under a disturbance of unknown memory; docs/method.md, (7a).
+
+    Each memory and each share in question has a weight by its restricted likelihood of the torque balances of all
+    parts of the holds, and a Student distribution of the errors by its size. The weighted sum of these distributions
+    gives the errors: two of them are exceeded as rarely as with a normal distribution, and three in one of a hundred.
+    """
+    solver, logs = balance.solver(), _parts_by_log(balance, points)
+    design = balance.design[:, balance.free]
+    usual = float(np.mean([point.duration for point in points]))
+    freedom = sum(len(one.hold) for one in logs) - len(solver)
+    part = np.array([usual / max(len(points[0].parts), 1)])
+    likelihoods, covariances = [], []
+    for memory in _MEMORIES:
+        scale = float(_mean_covariance(np.zeros(1), part, memory * usual)[0, 0])
+        rows, covariance = [], np.zeros((len(_OWN), len(solver), len(solver)))
+        log_determinant = np.zeros(len(_OWN))
+        for one in logs:
+            shapes = one.shapes(memory * usual, scale)
+            factors = np.linalg.cholesky(shapes)
+            spread = solver[:, one.hold] * one.share
+            known = np.column_stack((design[one.hold], one.torque))
+            rows.append(np.linalg.solve(factors, known[np.newaxis]))
+            covariance += spread @ shapes @ spread.T
+            log_determinant += np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+        triangles = np.linalg.qr(np.concatenate(rows, axis=1), mode="r")
+        diagonals = np.abs(np.diagonal(triangles, axis1=1, axis2=2))
+        log_determinant += np.log(diagonals[:, :-1]).sum(axis=1)
+        size = diagonals[:, -1].clip(1e-150)
+        likelihoods.append(-log_determinant - freedom * np.log(size))
+        covariances.append(covariance * size[:, np.newaxis, np.newaxis] ** 2 / freedom)
+    likelihood = np.concatenate(likelihoods)
+    weights = np.exp(likelihood - likelihood.max())
+    mixed = _mixture(weights / weights.sum(), np.concatenate(covariances), freedom)
+    covariance = np.zeros((len(balance.free), len(balance.free)))
+    covariance[np.ix_(balance.free, balance.free)] = mixed
+    return covariance
+
+
+def _parts_by_log(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> list[_Parts]:
+    """The parts of the holds of each log; a hold without parts is one."""
+    values, logs = balance.solve().values[:2], []
+    for source in dict.fromkeys(point.source for point in points):
+        every = []
+        for number, point in enumerate(points):
+            if point.source != source:
+                continue
+            means = np.array(point.parts or ((point.square_rate, point.rate),))
+            count, each = len(means), point.duration / len(means)
+            torque = balance.torque[number] - (means - balance.design[number, :2]) @ values
+            start = point.start + each * np.arange(count)
+            every.append((np.full(count, number), start, np.full(count, each), torque, np.full(count, 1.0 / count)))
+        hold, begin, length, deviating, share = (np.concatenate(column) for column in zip(*every, strict=True))
+        logs.append(_Parts(hold=hold, start=begin, length=length, torque=deviating, share=share))
+    return logs
+
+
+def _mean_covariance(start: FloatArray, length: FloatArray, memory: float) -> FloatArray:
+    """(n, n) covariance of the means over n intervals of a Gauss-Markov process of unit variance."""
+
+    def integral(first: FloatArray, second: FloatArray) -> FloatArray:
+        """Second antiderivative of the correlation, of all differences."""
+        gap = np.abs(np.subtract.outer(first, second)) / memory
+        return np.asarray(gap + np.expm1(-gap))
+
+    stop = start + length
+    total = integral(stop, start) + integral(start, stop) - integral(stop, stop) - integral(start, start)
+    return np.asarray(memory**2 * total / np.outer(length, length))
+
+
+def _mixture(weights: FloatArray, covariances: FloatArray, freedom: int) -> FloatArray:
+    """(p, p) covariance of a weighted sum of Student distributions, with errors that hold as by `_BEYOND`."""
+    from scipy import optimize, special
+
+    errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    # The widest distributions would decide the correlation of the sum.
+    correlation = np.tensordot(weights, covariances / (errors[:, :, np.newaxis] * errors[:, np.newaxis, :]), 1)
+
+    def reach(each: FloatArray, probability: float) -> float:
+        def excess(width: float) -> float:
+            return 2.0 * float(weights @ special.stdtr(freedom, -width / each)) - probability
+
+        # No Student distribution with two or more degrees of freedom reaches ten times its error.
+        return float(optimize.brentq(excess, 0.0, 10.0 * float(each.max())))
+
+    widths = [max(reach(each, beyond) / count for count, beyond in _BEYOND.items()) for each in errors.T]
+    return np.asarray(correlation * np.outer(widths, widths))

@@ -6,7 +6,7 @@ A pull, a lift, or a step of known inertia determines it.
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -193,15 +193,7 @@ def scale_from_pulls(curve: FloatArray, measured: FloatArray, reference_error: f
 
     Raises DataError if there are too few readings, or no thrust.
     """
-    value, scatter, freedom = _proportion(curve, measured)
-    return ThrustScale(
-        value=value,
-        scatter=scatter,
-        degrees_of_freedom=freedom,
-        reference_error=reference_error,
-        method="ratio of the measured forces to the curve's",
-        readings=len(curve),
-    )
+    return _proportion(curve, measured, reference_error, "ratio of the measured forces to the curve's")
 
 
 def scale_from_lifts(curve: FloatArray, weight: FloatArray, reference_error: float) -> ThrustScale:
@@ -209,15 +201,8 @@ def scale_from_lifts(curve: FloatArray, weight: FloatArray, reference_error: flo
 
     Raises DataError if there are too few readings, or no weight.
     """
-    slope, scatter, freedom = _proportion(weight, curve)
-    return ThrustScale(
-        value=1.0 / slope,
-        scatter=scatter,
-        degrees_of_freedom=freedom,
-        reference_error=reference_error,
-        method="ratio of the known weights to the curve's thrust",
-        readings=len(curve),
-    )
+    found = _proportion(weight, curve, reference_error, "ratio of the known weights to the curve's thrust")
+    return replace(found, value=1.0 / found.value)
 
 
 def scale_from_step(
@@ -241,8 +226,8 @@ def scale_from_step(
     )
 
 
-def _proportion(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
-    """Slope of y = slope * x, its standard error relative to it, and the error's degrees of freedom.
+def _proportion(x: FloatArray, y: FloatArray, reference_error: float, method: str) -> ThrustScale:
+    """Slope of y = slope * x as a scale.
 
     The ratio of the sums is the weighted regression for a variance that grows with x. The error allows for another
     variance, constant or growing with x^2: HC2 of MacKinnon and White (1985), with the degrees of freedom of Bell and
@@ -261,4 +246,11 @@ def _proportion(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
     error = math.sqrt(float(np.sum((y - slope * x) ** 2 / (1.0 - share)))) / total
     spread = share**2 / (1.0 - share)
     freedom = 1.0 / float(np.sum(share**2) + np.sum(spread) ** 2 - np.sum(spread**2))
-    return slope, error / slope, freedom
+    return ThrustScale(
+        value=slope,
+        scatter=error / slope,
+        degrees_of_freedom=freedom,
+        reference_error=reference_error,
+        method=method,
+        readings=len(x),
+    )

@@ -133,11 +133,8 @@ class UnknownPasts:
     def _early(self, duration: float) -> _Beginnings:
         """The beginnings in which a torque over this ``duration`` in s has an influence."""
         until = _DURATION_FACTOR ** np.ceil(np.log(duration + self.memory) / np.log(_DURATION_FACTOR))
-        if until not in self._beginnings:
-            self._beginnings[until] = self._begin(until)
-        return self._beginnings[until]
-
-    def _begin(self, until: float) -> _Beginnings:
+        if until in self._beginnings:
+            return self._beginnings[until]
         data, all_steps, own_steps, counts, first = self.data, list[IntArray](), list[IntArray](), list[int](), 0
         for run in self.runs.tolist():
             begin, end = data.offsets[run : run + 2].tolist()
@@ -159,8 +156,10 @@ class UnknownPasts:
             output_index=index,
             states=np.zeros((len(self.runs), 0)),
         )
-        innovations = data.output_index[rows][used]
-        return _Beginnings(beginnings, rows, np.concatenate(own_steps), innovations, np.cumsum([0, *counts]))
+        innovations, offsets = data.output_index[rows][used], np.cumsum([0, *counts])
+        found = _Beginnings(beginnings, rows, np.concatenate(own_steps), innovations, offsets)
+        self._beginnings[until] = found
+        return found
 
 
 def water_warning(model: Model, data: FitData) -> list[str]:

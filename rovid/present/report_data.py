@@ -13,9 +13,9 @@ from rovid.diagnose.result import Diagnosis, ModelAssessment
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import Effect
 from rovid.effects.further_terms import trials_in_form
+from rovid.estimate.assumed_models import SizedCause
 from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.isolability import PairSeparation, expected_separations
-from rovid.estimate.sized_causes import SizedCause
 from rovid.estimate.steady_drag import DragFit
 from rovid.export.verification import VerifiedExport
 from rovid.model.model import Model

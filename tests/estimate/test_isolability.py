@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rovid.effects import effect_named
+from rovid.estimate.assumed_models import SIZE_SHARES, SizedCause, sized_cause, sized_causes
 from rovid.estimate.experiment_design import CandidateModel
 from rovid.estimate.isolability import IsolabilityMatrix, isolability
-from rovid.estimate.sized_causes import SIZE_SHARES, SizedCause, sized_cause, sized_causes
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
 from rovid.trial.trial import Trial

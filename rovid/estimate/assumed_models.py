@@ -1,12 +1,13 @@
-"""Possible causes with a size: fitted, or as large as a programme of runs shows."""
+"""Models and causes before any log has fitted them: from size and mass, or as large as a programme of runs shows."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import ConfigError
 from rovid.core.threads import thread_map
 from rovid.effects import Effect, forms_for
 from rovid.estimate.dataset import effect_scales, rms, rms_nonzero, time_constant
@@ -14,11 +15,26 @@ from rovid.estimate.experiment_design import CandidateModel
 from rovid.estimate.nested_fits import scaled_start
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
-from rovid.trial.vehicle import Vehicle
+from rovid.trial.vehicle import USUAL_INERTIA_RATIO, Vehicle, cross_flow_drags
 
 # Sizes of a cause without a fitted one: the RMS change of the simulated rate over the RMS rate. The first one that the
 # programme shows counts: a part of the change of the rate may equal that by other parameters. Convention.
 SIZE_SHARES = (0.02, 0.08, 0.3)
+# Drag coefficient of a bluff body across the flow (Hoerner 1965, chapter 3: 1 to 1.2), on the area it shows.
+_DRAG_COEFFICIENT = 1.1
+# Share of the linear term in the drag at the rate of full thrust. Convention.
+_LINEAR_SHARE = 0.1
+# Disturbance over the full torque. Convention: calm water of a tank.
+_DISTURBANCE_SHARE = 0.003
+# Interval between readings in s, and the errors of a heading (rad), a position (m), a yaw rate (rad/s) and a speed
+# (m/s): of usual instruments.
+_INTERVAL = 0.1
+_ERRORS = {(True, False): 0.001, (False, False): 0.02, (True, True): 0.002, (False, True): 0.01}
+# The sides of the hull across the flow.
+_SHOWN_SIDES = {
+    "yaw": ("length", "height"), "surge": ("width", "height"),
+    "sway": ("length", "height"), "heave": ("length", "width"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,3 +133,58 @@ def simulated_rates(model: Model, vehicle: Vehicle, programme: Sequence[Trial]) 
 def channels(programme: Sequence[Trial]) -> set[str]:
     """Channels that all runs have."""
     return set.intersection(*(set(trial.channels) for trial in programme))
+
+
+def estimated_model(vehicle: Vehicle, *, integrated: bool) -> CandidateModel:
+    """Model of a vehicle of this mass and size, with ``integrated`` if the rate alone is measured; covariance zero.
+
+    The inertia is the usual one over that of the rigid body. The drag is that of a bluff body across the flow.
+
+    Raises ConfigError if mass or size is not given, or gravity rights the vehicle.
+    """
+    axis, rigid = vehicle.axis, vehicle.rigid_body_inertia
+    if axis.self_righting:
+        text = f"the model of {axis.name} needs a restoring torque, which mass and size do not determine."
+        raise ConfigError(text, where="--axis", mend="Give LOGS of a decay test.")
+    height = vehicle.height or vehicle.width
+    known = {"mass": vehicle.mass, "length": vehicle.length, "width": vehicle.width, "height": height}
+    shown = _SHOWN_SIDES[axis.name]
+    needed = shown if rigid is not None else ("mass", *(("length", "width") if axis.angular else ()), *shown)
+    if missing := [key for key in dict.fromkeys(needed) if known[key] is None]:
+        text = f"gives no {' and no '.join(missing)}; without a log, the model follows from mass and size."
+        raise ConfigError(text, where="[vehicle] of rovid.toml", mend="Add it in kg or m, or give LOGS.")
+    first, second = (known[side] or math.nan for side in shown)
+    straight, turning = cross_flow_drags(first, second, _DRAG_COEFFICIENT)
+    drag = turning if axis.angular else straight
+    full = sum(abs(thruster.arm) * thruster.full_thrust for thruster in vehicle.thrusters)
+    fast = math.sqrt(full / drag)
+    inertia, linear_drag = USUAL_INERTIA_RATIO * (rigid or math.nan), _LINEAR_SHARE * drag * fast
+    model = Model(inertia=inertia, quadratic_drag=(1.0 - _LINEAR_SHARE) * drag, linear_drag=linear_drag, axis=axis)
+    return CandidateModel(
+        name="the estimate from mass and size",
+        model=model,
+        covariance=np.zeros((len(model.values), len(model.values))),
+        disturbance=_DISTURBANCE_SHARE * full,
+        memory=model.inertia / (model.linear_drag + 2.0 * model.quadratic_drag * fast),
+        noise=_ERRORS[axis.angular, integrated],
+        integrated=integrated,
+    )
+
+
+def full_range_trial(vehicle: Vehicle, signals: Collection[str]) -> Trial:
+    """A trial at rest whose commands span the thrust curves, as the template of runs.
+
+    Those of the ``signals`` that are not of the motion, such as a supply voltage, are 1.
+
+    Raises ConfigError if a thruster has no curve.
+    """
+    ends = []
+    for thruster in vehicle.thrusters:
+        if thruster.curve is None:
+            text = f"{thruster.name} has no thrust curve, so its largest command is unknown."
+            raise ConfigError(text, where="[[thrusters]]", mend="Give its `curve`, or LOGS.")
+        ends.append(thruster.curve.command[[0, -1]])
+    axis = vehicle.axis
+    motion = {*axis.position_signals, axis.rate_signal, *axis.fix_signals, "roll", "pitch"}
+    time, reference = np.array([0.0, _INTERVAL]), {name: 1.0 for name in signals if name not in motion}
+    return Trial.from_commands(time, np.column_stack(ends), name="full range", reference=reference)
