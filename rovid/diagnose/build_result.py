@@ -1,16 +1,23 @@
-"""Result of the diagnosis from a validated selection: estimates, findings, suspects, scores, detectable sizes."""
+"""Result of the diagnosis from a validated selection: estimates, findings, suspects, scores, detectable sizes.
+
+Sway that follows the turn and is not logged looks like water that remembers the turn. The sway v of a hull with its
+centre of mass ahead or astern of the centre of its lateral drag obeys m22*dv/dt + d22*v = -m23*dr/dt, and its torque on
+the turn is -m23*dv/dt (Fossen 2011, section 6.5). With w = r + v*m22/m23 both are the equations of `added_mass_memory`,
+with Im = m23^2/m22 and τ = m22/d22; a quadratic drag gives those of its porous form. Without a logged sway no data
+along the axis distinguish the two. Entrained swirl with a short memory is close to them.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
+from types import MappingProxyType
 
 import numpy as np
 
 from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
 from rovid.diagnose.candidate_fits import Alternative, Cause
-from rovid.diagnose.challenge import closest_challengers
 from rovid.diagnose.cross_validation import (
     held_out_log_likelihood,
     horizon_errors,
@@ -19,17 +26,17 @@ from rovid.diagnose.cross_validation import (
     simulate_folds,
 )
 from rovid.diagnose.evidence import recalibrated, size_in_errors
-from rovid.diagnose.hidden_sway import indistinguishable_sway
 from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment
 from rovid.diagnose.screening import ScoreTest, bic_penalty
-from rovid.diagnose.selection import Selection
+from rovid.diagnose.selection import Selection, closest_challengers
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stated_selection import StatedSelection, is_established, model_estimate
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected
-from rovid.effects import CATALOGUE, Effect, EffectParameter
+from rovid.effects import CATALOGUE, Effect, EffectParameter, effect_named
+from rovid.effects.actuator_inputs import SPEEDS
 from rovid.estimate.candidate_runs import RunLimits
-from rovid.estimate.dataset import time_constant
+from rovid.estimate.dataset import FitData, time_constant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, plan_experiment
 from rovid.estimate.fit_result import FitResult
@@ -39,21 +46,28 @@ from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS as HORIZON_SECONDS
 
+_SWAY = effect_named("sideslip_moment:turning")
+# Longest memory in time constants of the vehicle: sway and yaw of a hull decay within a factor of a few.
+_LONGEST = _SWAY.parameters[1].high
+# Id -> largest size, of the inertia or of the drag: a centre of mass 0.15 lengths from that of the lateral drag. On a
+# slender hull of length L inertia and drag in yaw about that centre are L^2/12 of those in sway, and 0.15^2 is 0.27 of
+# 1/12. Of drag, which does not vanish at rest, the share is 0.27/1.27.
+_LARGEST = MappingProxyType({"added_mass_memory": 0.27, "entrained_swirl": 0.21})
+
 
 def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
     """Result from a validated selection as it is ``stated``; ``warnings`` grow."""
-    selection, causes, suspected = stated.selection, stated.causes, stated.suspected
+    selection, estimate = stated.selection, stated.estimate
     base, model = selection.full_data(selection.base), selection.full_data(selection.model)
-    estimate, base_estimate = stated.estimate, stated.base_estimate
     warnings.extend(estimate.warnings)
-    findings = [_finding(selection, cause, estimate) for cause in causes if not is_signal(cause.effect)]
-    signals = tuple((cause.effect, cause.bic_gain) for cause in causes if is_signal(cause.effect))
+    findings = [_finding(selection, cause, estimate) for cause in stated.causes if not is_signal(cause.effect)]
+    signals = tuple((cause.effect, cause.bic_gain) for cause in stated.causes if is_signal(cause.effect))
     if model.at_limit:
         warnings.append(
             f"The remaining error asks for a disturbance above {100 * model.objective.limit:.2g} % of the torque in "
             "use: something is still missing, and it follows no other logged signal."
         )
-    possible = [_suspect_finding(selection, one) for one in suspected]
+    possible = [_suspect_finding(selection, one) for one in stated.suspected]
     plain = base.model if stated.plain is None else stated.plain.model
     shown = model.model if model.effects else plain
     extended = _assess(selection, selection.model, shown, estimate, selection.model)
@@ -83,10 +97,9 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         size = test.effect.parameters[0]
         if test.power > 0.0 and not size.neutral_at_infinity:
             sizes.append((test.effect, _detectable_size(selection, test, size)))
-    detectable = tuple(sizes)
     return Diagnosis(
         verdict=verdict,
-        base=_assess(selection, selection.base, plain, base_estimate, same_limit),
+        base=_assess(selection, selection.base, plain, stated.base_estimate, same_limit),
         extended=extended,
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         suspects=tuple(possible),
@@ -96,8 +109,8 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         unexplained_share=disturbance**2 / (disturbance**2 + selection.data.rms_torque**2),
         noise_floor=rate_floor(model),
         position_floors={} if selection.multi_step else {at: position_floor(model, at) for at in HORIZON_SECONDS},
-        nested_models=_nested_models(selection, causes),
-        detectable=detectable,
+        nested_models=_nested_models(selection, stated.causes),
+        detectable=tuple(sizes),
         warnings=tuple(warnings),
         fitted=None if model.data.means_only else CandidateModel.from_fit("the model", model, estimate.covariance),
     )
@@ -122,47 +135,80 @@ def _assess(
 def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
     """Established cause, with the runs that distinguish it from others where that is open."""
     effect, held_out_gain = cause.effect, selection.held_out_gain(cause.effect)
-    others = selection.indistinguishable(cause)
+    others, white = selection.indistinguishable(cause), selection.model.is_white
     close = [one.fitted.with_last(one.effect) for one in cause.alternatives if one.effect in others]
     sway = indistinguishable_sway(selection.data, [selection.model.with_last(effect), *close])
-    probability, own = selection.probability(cause, held_out_gain), estimate.only(effect.parameter_names)
-    finding = Finding(
-        effect=effect,
-        estimate=own,
-        gain=cause.gain,
-        bic_gain=cause.bic_gain,
-        held_out_gain=held_out_gain,
-        standard_errors=size_in_errors(effect, own.values, own.covariance, selection.data.scales),
-        probability=recalibrated(probability, white=selection.model.is_white),
+    finding = replace(
+        _unrivalled(selection, effect, estimate, (cause.gain, cause.bic_gain, held_out_gain)),
+        probability=recalibrated(selection.probability(cause, held_out_gain), white=white),
         alternatives=cause.alternatives,
         indistinguishable=(*others, *sway, *_without_signal(selection, effect)),
-        white=selection.model.is_white,
-        is_complete=selection.is_complete,
+        white=white,
     )
     return replace(finding, plan=_discriminating_plan(selection, finding)) if finding.indistinguishable else finding
 
 
+def _unrivalled(
+    selection: Selection,
+    effect: Effect,
+    estimate: Estimate,
+    gains: tuple[float, float, float],
+    probability: float = 0.0,
+) -> Finding:
+    """Finding of ``effect`` without alternatives, from the log-likelihood, BIC and held-out ``gains``."""
+    own = estimate.only(effect.parameter_names)
+    gain, bic_gain, held_out_gain = gains
+    return Finding(
+        effect=effect,
+        estimate=own,
+        gain=gain,
+        bic_gain=bic_gain,
+        held_out_gain=held_out_gain,
+        standard_errors=size_in_errors(effect, own.values, own.covariance, selection.data.scales),
+        probability=probability,
+        alternatives=(),
+        indistinguishable=(),
+        is_complete=selection.is_complete,
+    )
+
+
 def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
     """Suspect with its size in the model that it extends."""
-    one, fitted = suspected.alternative, selection.full_data(suspected.alternative.fitted)
-    own = model_estimate(fitted, white=False).only(one.effect.parameter_names)
-    further = selection.search.further_causes(selection.model)
+    one, model = suspected.alternative, selection.model
+    estimate = model_estimate(selection.full_data(one.fitted), white=False)
     others = [other.effect for other in suspected.others]
     sway = indistinguishable_sway(selection.data, [other.fitted for other in (one, *suspected.others)])
     excluded = {one.effect.id, *(effect.id for effect in selection.inconsistent)}
-    return Finding(
-        effect=one.effect,
-        estimate=own,
-        gain=selection.model.value - one.fitted.value,
-        bic_gain=one.bic_gain,
-        held_out_gain=suspected.held_out_gain,
-        standard_errors=size_in_errors(one.effect, own.values, own.covariance, selection.data.scales),
-        probability=suspected.probability,
-        alternatives=tuple(other for other in further if other.effect.id not in excluded),
+    gains = model.value - one.fitted.value, one.bic_gain, suspected.held_out_gain
+    return replace(
+        _unrivalled(selection, one.effect, estimate, gains, suspected.probability),
+        alternatives=tuple(
+            other for other in selection.search.further_causes(model) if other.effect.id not in excluded
+        ),
         indistinguishable=(*others, *sway, *_without_signal(selection, one.effect)),
-        white=selection.model.is_white,
-        is_complete=selection.is_complete,
+        white=model.is_white,
     )
+
+
+def indistinguishable_sway(data: FitData, fits: Sequence[FitResult]) -> tuple[Effect, ...]:
+    """Sway as a cause, if the last effect of one of ``fits`` is a memory that sway may be; else nothing."""
+    vehicle = data.vehicle
+    # A motor on a bench does not move sideways.
+    turns_alone = vehicle is None or all(one.scale_key == "torque_constant" for one in vehicle.thrusters)
+    is_logged = all(SPEEDS[1] in run.trial.extras for run in data.runs)
+    is_tried = any(fitted.effects[-1].id == _SWAY.id for fitted in fits)
+    if data.axis.name != "yaw" or turns_alone or is_logged or is_tried:
+        return ()
+    for fitted in fits:
+        effect = fitted.effects[-1]
+        if effect.id not in _LARGEST:
+            continue
+        size, time = fitted.effect_coordinates(effect)[:2]
+        if effect.parameters[0].scale == "inertia":
+            size *= fitted.data.scales.unit_size(effect.parameters[0]) / fitted.model.inertia
+        if 0.0 < size <= _LARGEST[effect.id] and time <= _LONGEST:
+            return (_SWAY,)
+    return ()
 
 
 def _wave_finding(selection: Selection) -> Finding | None:
@@ -170,53 +216,35 @@ def _wave_finding(selection: Selection) -> Finding | None:
     waves = selection.waves
     if waves is None or waves.fitted is None or waves.probability < THRESHOLDS.possible:
         return None
-    effect = waves.fitted.effects[-1]
-    own = model_estimate(waves.fitted, white=False).only(effect.parameter_names)
-    size = size_in_errors(effect, own.values, own.covariance, selection.data.scales)
-    if size < THRESHOLDS.min_standard_errors_suspect:
-        return None
-    return Finding(
-        effect=effect,
-        estimate=own,
-        gain=waves.gain,
-        bic_gain=waves.bic_gain,
-        held_out_gain=waves.held_out_gain,
-        standard_errors=size,
-        probability=waves.probability,
-        alternatives=(),
-        indistinguishable=(),
-        is_complete=selection.is_complete,
-    )
+    effect, estimate = waves.fitted.effects[-1], model_estimate(waves.fitted, white=False)
+    gains = waves.gain, waves.bic_gain, waves.held_out_gain
+    finding = _unrivalled(selection, effect, estimate, gains, waves.probability)
+    return finding if finding.standard_errors >= THRESHOLDS.min_standard_errors_suspect else None
 
 
 def _without_signal(selection: Selection, effect: Effect) -> tuple[Effect, ...]:
     """Effects that imitate ``effect`` and could not be tested, because a signal is not logged."""
     if not selection.multi_step:
         return ()
-    tried = {candidate.id for candidate in selection.search.candidates}
-    axis = selection.data.axis.name
-    untested = []
-    for other in CATALOGUE:
-        imitates = effect.id in other.rivals and other.needs and other.id not in tried
-        if imitates and (not other.axes or axis in other.axes):
-            untested.append(other)
-    return tuple(untested)
+    tried, axis = {candidate.id for candidate in selection.search.candidates}, selection.data.axis.name
+    untested = (other for other in CATALOGUE if other.needs and other.id not in tried and effect.id in other.rivals)
+    return tuple(other for other in untested if not other.axes or axis in other.axes)
 
 
 def _with_waves(side: ModelAssessment, waves: Finding) -> ModelAssessment:
     """``side`` with waves as a further effect; free-running simulations do not show waves."""
     from scipy import linalg
 
-    model, estimate, own = side.model, side.estimate, waves.estimate
-    effects = (*model.effects, waves.effect)
-    values = (*model.effect_values, *own.values.tolist())
+    old, estimate, own = side.model, side.estimate, waves.estimate
+    values = (*old.effect_values, *own.values.tolist())
+    model = replace(old, effects=(*old.effects, waves.effect), effect_values=values)
     extended = replace(
         estimate,
         names=(*estimate.names, *own.names),
         values=np.concatenate((estimate.values, own.values)),
         covariance=linalg.block_diag(estimate.covariance, own.covariance),
     )
-    return replace(side, model=replace(model, effects=effects, effect_values=values), estimate=extended)
+    return replace(side, model=model, estimate=extended)
 
 
 def _horizon_errors(selection: Selection) -> tuple[HorizonErrors, ...]:
@@ -224,11 +252,11 @@ def _horizon_errors(selection: Selection) -> tuple[HorizonErrors, ...]:
     models = [(fitted, selection.folds(fitted)) for fitted in (selection.base, selection.model)]
     base, extended = parallel_map(lambda model: horizon_errors(*model, selection.pieces), models)
     constant = time_constant(selection.data.initial_model, selection.data.rms_rate)
-    errors = []
-    for horizon, one, other in zip(HORIZONS, base, extended, strict=True):
-        if math.isfinite(one) and math.isfinite(other):
-            errors.append(HorizonErrors(seconds=horizon * constant, base=float(one), extended=float(other)))
-    return tuple(errors)
+    known = [at for at in range(len(HORIZONS)) if math.isfinite(base[at]) and math.isfinite(extended[at])]
+    return tuple(
+        HorizonErrors(seconds=HORIZONS[at] * constant, base=float(base[at]), extended=float(extended[at]))
+        for at in known
+    )
 
 
 def _discriminating_plan(selection: Selection, finding: Finding) -> ExperimentPlan | None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from rovid.effects.base import OnHeading, WaveTorque
 from rovid.estimate.dataset import FitData, rms_rate, time_constant
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step import MultiStepData, prediction_errors
+from rovid.estimate.objective import NegativeLogLikelihood
 from rovid.estimate.output_error import fit_output_error
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
@@ -117,8 +119,7 @@ def _sessions(trial: Trial) -> list[IntArray]:
     return np.split(measured, 1 + np.flatnonzero(np.diff(trial.time[measured]) > pause))
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
+class _Part(NamedTuple):
     """Interval from ``begin`` to ``end`` (s) of run ``run_index``."""
 
     run_index: int
@@ -129,18 +130,16 @@ class _Part:
 
 def _prepare_parts(parts: Sequence[_Part], vehicle: Vehicle, cutoff: float) -> PreparedRuns:
     trials = [part.trial for part in parts]
-    common = min(cutoff, highest_cutoff(trials))
-    return prepare_trials(trials, vehicle, cutoff=common)
+    return prepare_trials(trials, vehicle, cutoff=min(cutoff, highest_cutoff(trials)))
 
 
 def _cut_runs(runs: Sequence[Run], cutoff: float) -> list[_Part]:
     """Parts of all runs; at least two of each run that is long enough, for effects that are specific to one trial."""
-    shortest = min_part_length(runs, cutoff)
-    usual = max(sum(recorded_seconds(run.trial) for run in runs) / THRESHOLDS.parts, shortest)
+    shortest, seconds = min_part_length(runs, cutoff), [recorded_seconds(run.trial) for run in runs]
+    usual = max(sum(seconds) / THRESHOLDS.parts, shortest)
     parts = []
-    for run_index, run in enumerate(runs):
-        half = recorded_seconds(run.trial) / 2.0
-        parts += _cut_run(run_index, run.trial, min(usual, max(half, shortest)))
+    for run_index, (run, own) in enumerate(zip(runs, seconds, strict=True)):
+        parts += _cut_run(run_index, run.trial, min(usual, max(own / 2.0, shortest)))
     return parts
 
 
@@ -198,14 +197,12 @@ def cross_validate(fitted: FitResult, pieces: Sequence[CvPiece]) -> list[Fold]:
     # A prediction that spans two pieces belongs to neither.
     training = [fitted.objective.with_effects(fitted.effects, ~mask & (piece >= 0)) for mask in held_out]
 
-    def train(index: int) -> FloatArray:
+    def train(objective: NegativeLogLikelihood) -> FloatArray:
         # The fit to all pieces is so close that a few steps are enough.
-        refitted = fit(
-            training[index], fitted.x, iterations=THRESHOLDS.cv_iterations, tolerance=THRESHOLDS.cv_tolerance
-        )
-        return _without_undetermined(refitted)
+        most, tolerance = THRESHOLDS.cv_iterations, THRESHOLDS.cv_tolerance
+        return _without_undetermined(fit(objective, fitted.x, iterations=most, tolerance=tolerance))
 
-    fits = parallel_map(train, range(len(training)))
+    fits = parallel_map(train, training)
     values = fitted.objective.held_out_values(tests, fits)
     folds = []
     for own, value, x in zip(numbers, values, fits, strict=True):
@@ -365,13 +362,8 @@ def position_std_after(
     """
     torque, memory = disturbance
     slope = 2.0 * model.quadratic_drag * rate + model.linear_drag
-    dynamics = np.array(
-        [
-            [0.0, 1.0, 0.0],
-            [-model.stiffness / model.inertia, -slope / model.inertia, 1.0 / model.inertia],
-            [0.0, 0.0, -1.0 / memory],
-        ]
-    )
+    motion = np.array([-model.stiffness, -slope, 1.0]) / model.inertia
+    dynamics = np.array([[0.0, 1.0, 0.0], motion, [0.0, 0.0, -1.0 / memory]])
     driving = np.diag([0.0, 0.0, 2.0 * torque**2 / memory])
     covariance = _propagate(dynamics, driving, np.diag([*initial, torque**2]), seconds)
     return math.sqrt(max(float(covariance[0, 0]), 0.0))

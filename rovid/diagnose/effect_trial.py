@@ -75,10 +75,8 @@ def _gain(model: FitResult, effect: Effect, pieces: Sequence[CvPiece]) -> Effect
     starts = objective.parametrization.initial_values()
     fitted = fit_from_best_start(objective, model, starts, THRESHOLDS.search_iterations)
     held_out = [held_out_log_likelihood(cross_validate(one, pieces)) for one in (fitted, model)]
+    gain, estimate = bic_score(fitted) - bic_score(model), model_estimate(fitted, white=fitted.is_white)
+    beside = tuple(one.id for one in model.effects)
     return EffectGain(
-        effect=effect,
-        beside=tuple(one.id for one in model.effects),
-        gain=bic_score(fitted) - bic_score(model),
-        held_out_gain=held_out[0] - held_out[1],
-        estimate=model_estimate(fitted, white=fitted.is_white),
+        effect=effect, beside=beside, gain=gain, held_out_gain=held_out[0] - held_out[1], estimate=estimate
     )

@@ -50,10 +50,12 @@ def probability_not_a_stand_in(held_out_gain: float, expected_gain: float, *, wh
     `THRESHOLDS.stand_in_scale`. With ``white`` innovations the gain that the fit lets expect is exact too, and the
     smaller one counts, because the best of many causes gains on a few trials by chance.
     """
-    gain, scale = held_out_gain, THRESHOLDS.stand_in_scale
-    if white:
-        gain, scale = min(held_out_gain, expected_gain), THRESHOLDS.stand_in_scale_white
-    return min(logistic((gain - THRESHOLDS.stand_in_gain) / scale), THRESHOLDS.max_probability)
+    gain = min(held_out_gain, expected_gain) if white else held_out_gain
+    return min(logistic((gain - THRESHOLDS.stand_in_gain) / _stand_in_scale(white)), THRESHOLDS.max_probability)
+
+
+def _stand_in_scale(white: bool) -> float:
+    return THRESHOLDS.stand_in_scale_white if white else THRESHOLDS.stand_in_scale
 
 
 def recalibrated(probability: float, *, white: bool) -> float:
@@ -155,11 +157,9 @@ def outlier_probability(fitted: FitResult, effect: Effect) -> float:
     count = len(trials_in_form(effect.form))
     if count == 0 or effect.id != supply_sag.EFFECT.id:
         return 1.0
-    return _single_outlier(fitted, effect) if count == 1 else _scatter_between_trials(fitted, effect)
-
-
-def _scatter_between_trials(fitted: FitResult, effect: Effect) -> float:
-    """Fisher's F test of the scatter of thrust between trials against its usual value and its standard errors."""
+    if count == 1:
+        return _single_outlier(fitted, effect)
+    # Fisher's F test of the scatter of thrust between trials against its usual value and its standard errors.
     away, covariance = effect_sizes(fitted, effect, sandwich=True)
     # The thrusts of all trials have the mean zero: the last one follows.
     contrast = np.vstack((np.eye(len(away)), np.full(len(away), -1.0)))
@@ -210,8 +210,7 @@ class Evidence(StrEnum):
 
 def confirming_gain(*, white: bool) -> float:
     """Held-out gain in nats at which a stand-in is `THRESHOLDS.confirmed_odds` times rarer than a true cause."""
-    scale = THRESHOLDS.stand_in_scale_white if white else THRESHOLDS.stand_in_scale
-    return THRESHOLDS.stand_in_gain + scale * math.log(THRESHOLDS.confirmed_odds)
+    return THRESHOLDS.stand_in_gain + _stand_in_scale(white) * math.log(THRESHOLDS.confirmed_odds)
 
 
 def grade(

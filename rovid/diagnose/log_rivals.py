@@ -1,13 +1,12 @@
-"""Rivals of the causes of a diagnosis: the clock, a foreign log, an offset of the gyro, and the coupled model.
+"""Rivals of the causes of a diagnosis: the clock, an offset of the gyro, and the coupled model.
 
 The clock of a joined file may be late, and a logger may write a command at the end of the interval in which it acted.
 `rovid.diagnose.objectives.pose` adds the clock offset to the candidates. Where the offset is established, the commands
 are moved by it and the diagnosis is repeated. Where it is possible, it is a fault that may act, and no cause.
 
-A log of another vehicle or payload passes for a cause with another size in each trial, or in one trial. Each size is
-compared with those of the other trials. Where one or two logs, and fewer than half, have nearly all of the differences,
-the diagnosis is repeated without these logs. If the cause is not established there, it is not established at all: the
-logs are set aside, and the cause is a suspect next to them. Of the logs of two payloads those of one are diagnosed.
+A gyro whose readings are off by a constant shows a turn that no torque causes. A measured heading tells the offset.
+Otherwise a constant torque, or drag that differs between the two senses, may stand for it. The offset is
+fitted in place of such causes. If it is as likely, they are not established.
 
 Some causes of a diagnosis of yaw are motion along surge and sway, which the coupled model explains.
 """
@@ -15,27 +14,23 @@ Some causes of a diagnosis of yaw are motion along surge and sway, which the cou
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget, ProgressCallback
+from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus
-from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.candidate_fits import Challenger
-from rovid.diagnose.gyro_offset import without_gyro_offset
+from rovid.diagnose.foreign_logs import diagnose_majority, with_returned_logs
 from rovid.diagnose.objectives import preload
 from rovid.diagnose.result import EVEN, Diagnosis, Finding, delays_of_the_sensor, doubted, is_delay
-from rovid.diagnose.returned_logs import with_returned_logs
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.actuator_inputs import SPEEDS
-from rovid.effects.base import INSTANT, UNTIL, EffectParameter
+from rovid.effects.base import INSTANT, UNTIL, Effect, EffectParameter
 from rovid.effects.clock_offset import CLOCKS_APART
-from rovid.effects.further_terms import trials_in_form
 from rovid.effects.thruster_imbalance import thruster_of
+from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.faults.base import named
-from rovid.faults.foreign_log import minority_payload
 from rovid.trial.axis import YAW
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import PreparedRuns, Run, prepare, shift_commands
@@ -43,10 +38,6 @@ from rovid.trial.rates import highest_cutoff
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
-# Logs at least, of which a minority can be foreign; logs at most that are taken for foreign.
-_MIN_LOGS, _MOST_FOREIGN = 4, 2
-# Share of the differences (chi-square) that the other logs keep, below which the evidence comes from a few logs.
-_LEFT = 0.25
 # Effects of yaw that stand for motion along surge and sway, which the coupled model has as states.
 _OF_MOTION = ("sideslip_moment", "speed_dependent_damping")
 # Effects that slow motion along sway may imitate; they count next to one of the former alone.
@@ -56,95 +47,12 @@ _POSITIONS = {"north", "east"}
 _LONG_DELAY = 0.5
 # Standard errors by which a delay exceeds the lateness of the stamps, if it is the drive's own. Convention.
 _CERTAIN = 2.0
-_COMMAND_DELAY = "command_delay"
-
-
-def diagnose_majority(
-    prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget | None = None
-) -> Diagnosis:
-    """The diagnosis, in which no cause is established whose only evidence is that a few logs differ from the others."""
-    diagnosis = diagnose(prepared, vehicle, report, budget)
-    names = tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in prepared.items))
-    payload = minority_payload(prepared.items, vehicle) if diagnosis.findings else ()
-    odd = [(finding, logs) for finding in diagnosis.findings if (logs := payload or few_logs(finding, len(names)))]
-    if not odd:
-        return diagnosis
-    remaining, remedy = diagnosis, "none"
-    few = dict.fromkeys(name for _, logs in odd for name in logs)
-    is_minority = bool(payload) or (len(names) >= _MIN_LOGS and 2 * len(few) < len(names))
-    if is_minority and not (budget and budget.skips("foreign_log")):
-        report(f"Repeating the diagnosis without {' and '.join(few)} …")
-        kept = tuple(run for run in prepared.items if not {run.trial.parent, run.trial.name} & few.keys())
-        others = diagnose(replace(prepared, items=kept), vehicle, report, budget)
-        shown = {finding.effect.id for finding in others.findings}
-        odd = [(finding, logs) for finding, logs in odd if finding.effect.id not in shown]
-        if (odd or payload) and others.verdict != "too_little_data":
-            remaining, remedy = others, "set_aside"
-    if not odd and remaining is diagnosis:
-        return diagnosis
-    for finding, _ in odd:
-        remaining = doubted(remaining, finding)
-    # The faults of the logs contain two payloads already.
-    faults = () if payload else tuple(_foreign_fault(finding, logs, remedy) for finding, logs in odd)
-    warnings = remaining.warnings
-    if payload and remedy == "set_aside":
-        warnings = (f"The diagnosis is of one payload alone: it leaves out {named(payload)}.", *warnings)
-    return replace(remaining, faults=(*remaining.faults, *faults), warnings=warnings)
-
-
-def few_logs(finding: Finding, count: int) -> tuple[str, ...]:
-    """The one or two of ``count`` logs that alone show a size of their own; empty if there are none, or more logs."""
-    names = trials_in_form(finding.effect.form)
-    if len(names) < 2 or count < _MIN_LOGS:
-        return names
-    sizes, covariance = _sizes(finding, len(names))
-    every = _differences(sizes, covariance, range(len(names)))
-    for few in range(1, _MOST_FOREIGN + 1):
-        if 2 * few >= len(names):
-            break
-        left = {
-            out: _differences(sizes, covariance, [at for at in range(len(names)) if at not in out])
-            for out in combinations(range(len(names)), few)
-        }
-        out = min(left, key=lambda each: left[each])
-        if left[out] < _LEFT * every:
-            return tuple(names[at] for at in out)
-    return ()
-
-
-def _sizes(finding: Finding, count: int) -> tuple[FloatArray, FloatArray]:
-    """(count,) sizes of the trials, and their covariance. The last size may follow from the mean of all, which is 1."""
-    estimate = finding.estimate
-    places = list(map(estimate.names.index, finding.effect.parameter_names[:count]))
-    values, covariance = estimate.values[places], estimate.covariance[np.ix_(places, places)]
-    if len(places) == count:
-        return values, covariance
-    added = np.vstack((np.eye(len(places)), -np.ones(len(places))))
-    return np.append(values, count - values.sum()), added @ covariance @ added.T
-
-
-def _differences(sizes: FloatArray, covariance: FloatArray, rows: Sequence[int]) -> float:
-    """Chi-square of the differences between the sizes of these ``rows``."""
-    contrast = np.eye(len(rows))[1:] - np.eye(len(rows))[0]
-    among = contrast @ covariance[np.ix_(rows, rows)] @ contrast.T
-    differences = contrast @ sizes[list(rows)]
-    return float(differences @ np.linalg.pinv(among, rcond=1e-12, hermitian=True) @ differences)
-
-
-def _foreign_fault(finding: Finding, logs: tuple[str, ...], remedy: str) -> Fault:
-    belong = "does not belong" if len(logs) == 1 else "do not belong"
-    done = "It was set aside." if len(logs) == 1 else "They were set aside."
-    text = (
-        f"{named(logs)} {belong} to the other logs, or {finding.effect.title} acts there: the other logs alone do not "
-        f"show it. {done if remedy == 'set_aside' else 'Repeat these runs, and compare.'}"
-    )
-    return Fault(
-        fault="foreign_log",
-        logs=logs,
-        text=text,
-        confidence=EVEN * finding.probability,
-        remedy="set_aside" if remedy == "set_aside" else "none",
-    )
+_COMMAND_DELAY = ("command_delay",)
+# Effects with a mean turn of their own, which an offset of the gyro imitates.
+_MEAN_TURN = ("bias_torque", "drag_asymmetry")
+# Largest offset of the gyro and its resolution, relative to the RMS rate of the logs. Convention: a larger offset is a
+# fault that every plot shows, and a finer one is below the errors of the drags.
+_LARGEST, _FINEST = 0.5, 0.002
 
 
 def coupled_causes(diagnosis: Diagnosis, trials: Iterable[Trial]) -> tuple[str, ...]:
@@ -178,15 +86,10 @@ def diagnose_logs(
     preload(wait=math.isfinite(seconds))
     budget = Budget(seconds)
     diagnosis = _diagnose(prepared, vehicle, report, budget)
-    coupled = coupled_sentence(diagnosis, [run.trial for run in prepared.items])
-    warnings = (
-        *diagnosis.warnings,
-        *_clock_warnings(prepared.items, diagnosis.causes),
-        *_sensor_warnings(prepared.items, diagnosis.causes),
-        *_instants(prepared.items, diagnosis.causes),
-        *([coupled] if coupled else []),
-    )
-    return replace(diagnosis, warnings=warnings, budget=budget.use)
+    warnings = [*diagnosis.warnings, *_warnings(prepared.items, diagnosis.causes)]
+    if coupled := coupled_sentence(diagnosis, [run.trial for run in prepared.items]):
+        warnings.append(coupled)
+    return replace(diagnosis, warnings=tuple(warnings), budget=budget.use)
 
 
 def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget) -> Diagnosis:
@@ -207,12 +110,10 @@ def _by_one_clock(
     report: ProgressCallback,
 ) -> Diagnosis:
     """The ``diagnosis`` without a clock offset, repeated by the ``majority`` of logs with corrected clocks."""
-    offset = _clock_offset(diagnosis.findings)
     if prepared.clocks_agree:
         return diagnosis
-    if offset is None:
-        return _without_offset(diagnosis, prepared.items)
-    lead, _ = _size(offset, "lead")
+    offset = _clock_offset(diagnosis.findings)
+    lead = math.inf if offset is None else _size(offset, "lead")[0]
     long = [run.trial for run in prepared.items if run.trial.duration > 2.0 * lead]
     if not long:
         return _without_offset(diagnosis, prepared.items)
@@ -237,9 +138,10 @@ def _without_offset(
 
     ``moved`` is an offset by which the commands were moved before the diagnosis.
     """
-    every = [finding for finding in (*diagnosis.findings, *diagnosis.suspects) if finding.effect is not CLOCKS_APART]
-    offset, faults = moved or _clock_offset((*diagnosis.findings, *diagnosis.suspects)), list[Fault]()
-    if offset is not None:
+    both = (*diagnosis.findings, *diagnosis.suspects)
+    every = [finding for finding in both if finding.effect is not CLOCKS_APART]
+    possible, faults = _clock_offset(both), list(diagnosis.faults)
+    if (offset := moved or possible) is not None:
         scatter = [finding for finding in every if _is_scatter(finding, offset)]
         every = [finding for finding in every if finding not in scatter]
         if scatter:
@@ -248,9 +150,11 @@ def _without_offset(
         faults.append(_offset_fault(offset, runs, done))
     findings = [finding for finding in diagnosis.findings if finding in every]
     suspects = [finding for finding in diagnosis.suspects if finding in every]
-    for delay in [
-        finding for finding in findings if is_delay(finding.effect, (_COMMAND_DELAY,)) and _may_be_offset(finding, runs)
-    ]:
+    # The clocks of commands and motion may differ in joined logs, and by much in logs by topics.
+    apart, separate = bool(_joined(runs)), all(run.trial.separate_clocks for run in runs)
+    for delay in [finding for finding in findings if is_delay(finding.effect, _COMMAND_DELAY)]:
+        if not apart and not (separate and _size(delay, "delay")[0] > _LONG_DELAY):
+            continue
         findings.remove(delay)
         rivals = (*delay.indistinguishable, CLOCKS_APART)
         suspects.insert(0, replace(delay, indistinguishable=rivals, probability=EVEN * delay.probability))
@@ -261,21 +165,15 @@ def _without_offset(
     verdict = diagnosis.verdict
     if verdict in {"found", "suspected"} and not findings:
         # An offset that may act, and was not corrected, leaves the error of the model open.
-        is_open = any(one.effect is CLOCKS_APART for one in (*diagnosis.findings, *diagnosis.suspects))
-        verdict = "suspected" if suspects else "unexplained" if is_open else "nothing_found"
-    every_fault = (*diagnosis.faults, *faults)
-    return replace(diagnosis, verdict=verdict, findings=tuple(findings), suspects=tuple(suspects), faults=every_fault)
-
-
-def _may_be_offset(delay: Finding, runs: Sequence[Run]) -> bool:
-    """Whether the clocks of commands and motion may differ by the delay: in joined logs, or in all logs by topics."""
-    size, _ = _size(delay, "delay")
-    return bool(_joined(runs)) or (all(run.trial.separate_clocks for run in runs) and size > _LONG_DELAY)
+        verdict = "nothing_found" if possible is None else "unexplained"
+        if suspects:
+            verdict = "suspected"
+    return replace(diagnosis, verdict=verdict, findings=tuple(findings), suspects=tuple(suspects), faults=tuple(faults))
 
 
 def _is_scatter(finding: Finding, offset: Finding) -> bool:
     """Whether a command delay leaves the commands ahead of their stamps: stamps that are late by chance, no delay."""
-    if not is_delay(finding.effect, (_COMMAND_DELAY,)):
+    if not is_delay(finding.effect, _COMMAND_DELAY):
         return False
     (delay, error), (lead, lead_error) = _size(finding, "delay"), _size(offset, "lead")
     return delay - lead < _CERTAIN * math.hypot(error, lead_error)
@@ -299,28 +197,17 @@ def _delay_fault(delay: Finding, runs: Sequence[Run]) -> Fault:
         f"The vehicle responds {plus_minus(size, error)} s after its commands: a command delay, or a clock of the "
         "commands that is behind the clock of the motion. The logs do not show which. "
     )
-    joined = _joined(runs)
-    text += (
-        "Log a copy of a command or of the heading in both files, or give a known offset in [join]."
-        if joined
-        else "Log commands and motion with stamps of one clock."
-    )
-    return Fault(
-        fault=CLOCKS_APART.id,
-        logs=joined or tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in runs)),
-        size=size,
-        standard_error=error,
-        unit="s",
-        confidence=EVEN * delay.probability,
-        text=text,
-    )
+    if _joined(runs):
+        text += "Log a copy of a command or of the heading in both files, or give a known offset in [join]."
+    else:
+        text += "Log commands and motion with stamps of one clock."
+    return _clock_fault(runs, size, error, EVEN * delay.probability, text)
 
 
 def _offset_fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
     lead, error = _size(offset, "lead")
-    joined = _joined(runs)
     text = f"The vehicle responds {plus_minus(lead, error)} s before its commands, which is impossible: "
-    if joined:
+    if _joined(runs):
         text += f"the clock of the commands is ahead of the clock of the motion. {done} Give a known offset in [join]."
     elif lead - _CERTAIN * error <= float(np.median([run.trial.sampling_interval for run in runs])):
         text += f"the stamps of the commands are late, as where a row holds the command that acted before it. {done}"
@@ -329,47 +216,37 @@ def _offset_fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
             "the stamps of the commands are late by more than a row, or a torque that the catalogue lacks looks the "
             f"same, for instance of water with several memories. {done}"
         )
+    return _clock_fault(runs, -lead, error, offset.probability, text)
+
+
+def _clock_fault(runs: Sequence[Run], size: float, error: float, confidence: float, text: str) -> Fault:
+    logs = _joined(runs) or tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in runs))
     return Fault(
-        fault=CLOCKS_APART.id,
-        logs=joined or tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in runs)),
-        size=-lead,
-        standard_error=error,
-        unit="s",
-        confidence=offset.probability,
-        text=text,
+        fault=CLOCKS_APART.id, logs=logs, size=size, standard_error=error, unit="s", confidence=confidence, text=text
     )
 
 
-def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
-    """Warning about delays if commands and motion come from clocks that were not compared."""
+def _warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
+    """Delays that may be of clocks which were not compared, or of the sensor; log and time of each loss of thrust."""
     every = [effect for cause in causes for effect in (cause.effect, *cause.indistinguishable)]
     titles = {effect.id: effect.title for effect in every if is_delay(effect)}
-    delays = titles.values()
     joined = any(remark.kind == "joined" for run in runs for remark in run.trial.remarks)
-    if delays and joined:
+    if titles and joined:
         yield (
-            f"The {' or '.join(delays)} may be a clock offset of the joined files. The logs do not distinguish the "
-            "two. Give the known offset in [join] offset."
+            f"The {' or '.join(titles.values())} may be a clock offset of the joined files. The logs do not "
+            "distinguish the two. Give the known offset in [join] offset."
         )
-    elif _COMMAND_DELAY in titles and all(run.trial.separate_clocks for run in runs):
+    elif _COMMAND_DELAY[0] in titles and all(run.trial.separate_clocks for run in runs):
         yield (
-            f"The {titles[_COMMAND_DELAY]} may be an offset between the stamps of commands and motion, which are "
+            f"The {titles[_COMMAND_DELAY[0]]} may be an offset between the stamps of commands and motion, which are "
             "separate in these logs. The logs do not distinguish the two."
         )
-
-
-def _sensor_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
-    """Warning about delays of which the sensor may be the cause."""
     if delays := delays_of_the_sensor((run.trial for run in runs), causes):
         yield (
             f"The {' and the '.join(delays)} may act in the sensor: a {runs[0].trial.axis.position_words} that a "
             "navigation filter delays or smooths by the same time looks the same in these logs. Log a gyro's rate, or "
             "the motors' speed, to tell which."
         )
-
-
-def _instants(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
-    """Log and time of each loss of thrust from an instant on, and of its end."""
     trials = sorted((run.trial for run in runs), key=lambda trial: trial.campaign_time)
 
     def place(cause: Finding, instant: EffectParameter) -> str:
@@ -387,3 +264,55 @@ def _instants(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
         thruster = f" of {thruster_of(cause.effect.form)}" if cause.effect.per_thruster else ""
         gain = plus_minus(*_size(cause, "gain"))
         yield f"From {place(cause, INSTANT)}{until}, the thrust{thruster} is {gain} times the thrust before."
+
+
+def without_gyro_offset(
+    prepared: PreparedRuns, diagnosis: Diagnosis, vehicle: Vehicle, report: ProgressCallback, budget: Budget
+) -> Diagnosis:
+    """The ``diagnosis``, in which no cause is established that an offset of the gyro explains as well."""
+    imitated = [cause for cause in diagnosis.causes if cause.effect.id in _MEAN_TURN]
+    causes = [cause for cause in imitated if cause in diagnosis.findings] or imitated[:1]
+    if not causes or not prepared.rate_only or budget.skips("offset of the gyro"):
+        return diagnosis
+    report("Testing an offset of the gyro …")
+    others = tuple(finding.effect for finding in diagnosis.findings if finding not in causes)
+    axis = prepared.items[0].trial.axis
+    try:
+        best = fit_likelihood(prepared.items, vehicle, (*others, *(cause.effect for cause in causes))).log_likelihood
+        offset, likelihood = _fitted_offset(prepared, vehicle, others)
+    except DataError:
+        # Without the causes the logs determine nothing: the offset does not replace them.
+        return diagnosis
+    if likelihood < best - THRESHOLDS.tie_margin:
+        return diagnosis
+    for cause in causes:
+        diagnosis = doubted(diagnosis, cause)
+    unit, factor = axis.display_unit
+    titles = " and ".join(cause.effect.title for cause in causes)
+    text = (
+        f"Only a rate was measured. A sensor that is off by {factor * offset:.2g} {unit}/s explains these logs as well "
+        f"as {titles}. Measure the {axis.position_words}, or the rate of the vehicle ashore, to tell which."
+    )
+    return replace(diagnosis, warnings=(text, *diagnosis.warnings))
+
+
+def _fitted_offset(prepared: PreparedRuns, vehicle: Vehicle, effects: tuple[Effect, ...]) -> tuple[float, float]:
+    """The likeliest offset of the gyro in rad/s, and its log-likelihood with these ``effects``."""
+    from scipy.optimize import minimize_scalar
+
+    trials = [run.trial for run in prepared.items]
+
+    def loss(offset: float) -> float:
+        corrected = []
+        for trial in trials:
+            rate = None if trial.rate is None else trial.rate - offset
+            position = trial.position - offset * (trial.time - trial.time[0])
+            corrected.append(replace(trial, rate=rate, position=position))
+        runs = prepare(Campaign(trials=tuple(corrected), sources=()), vehicle, cutoff=prepared.cutoff)
+        return -fit_likelihood(runs.items, vehicle, effects).log_likelihood
+
+    rates = np.concatenate([trial.rate for trial in trials if trial.rate is not None])
+    size = float(np.sqrt(np.nanmean(rates**2)))
+    bounds = (-_LARGEST * size, _LARGEST * size)
+    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": _FINEST * size})
+    return float(found.x), -float(found.fun)

@@ -85,8 +85,8 @@ class MultiStepObjective:
         A missing effect correlates the errors, and few predictions count. The correlation of interest is that of the
         best next effect, whether this effect is established or not.
         """
-        plausible = [fitted for fitted in search.extensions(found) if is_plausible(fitted)]
-        likeliest = sorted((found, *plausible), key=bic_score, reverse=True)[: THRESHOLDS.reweighting_models]
+        models = found, *filter(is_plausible, search.extensions(found))
+        likeliest = sorted(models, key=bic_score, reverse=True)[: THRESHOLDS.reweighting_models]
         reweighted = (self.data.reweighted(fitted.model) for fitted in likeliest)
         return replace(self, data=max(reweighted, key=lambda data: data.effective_count))
 

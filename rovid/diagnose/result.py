@@ -48,8 +48,6 @@ DISCRIMINATING_RUNS = {
     frozenset({"restoring_curve", "drag_curvature"}): "releases from a large and from a small tilt",
     frozenset({"drag_curvature", "supply_sag"}): "coast-downs and holds, with the supply's voltage in the log",
 }
-
-
 # Share of the probability of a cause that is its own, where the logs do not distinguish it from something else.
 EVEN = 0.5
 
@@ -93,13 +91,8 @@ class Finding:
         """
         if trials_in_form(self.effect.form) or any(other.bic_gain > self.bic_gain for other in self.alternatives):
             return Evidence.POSSIBLE
-        return grade(
-            self.probability,
-            self.held_out_gain,
-            self.standard_errors,
-            white=self.white,
-            is_conclusive=self.is_complete and not self.indistinguishable,
-        )
+        numbers = self.probability, self.held_out_gain, self.standard_errors
+        return grade(*numbers, white=self.white, is_conclusive=self.is_complete and not self.indistinguishable)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -198,20 +191,15 @@ def doubted(diagnosis: Diagnosis, finding: Finding) -> Diagnosis:
 
 def not_identifiable(vehicle: Vehicle, diagnosis: Diagnosis | None = None) -> dict[str, str]:
     """Parameters of ``vehicle``, and effects of any size, that the data cannot identify; each with a description."""
-    hidden = [] if diagnosis is None else [effect for effect, size in diagnosis.detectable if not math.isfinite(size)]
-    found = {name: UNIDENTIFIABLE[name] for name in _unidentifiable_parameters(vehicle)}
-    return found | {effect.id: f"{effect.title}, of any size" for effect in hidden if effect.id not in found}
-
-
-def _unidentifiable_parameters(vehicle: Vehicle) -> tuple[str, ...]:
+    names = [*NEVER_IDENTIFIABLE[1 if vehicle.thrust_scale_error else 0 :]]
+    if sum(thruster.curve is not None for thruster in vehicle.thrusters) < 2:
+        names.append("thruster_imbalance")
     # Tables state their torque without a thruster. Logs without a thruster are of a self-righting axis.
     if not vehicle.thrusters and vehicle.axis.self_righting:
-        return ("inertia", "rate_scale")
-    scales = NEVER_IDENTIFIABLE[1:] if vehicle.thrust_scale_error else NEVER_IDENTIFIABLE
-    thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
-    if len(thrusters) > 1:
-        return scales
-    return (*scales, "thruster_imbalance")
+        names = ["inertia", "rate_scale"]
+    found = {name: UNIDENTIFIABLE[name] for name in names}
+    hidden = [] if diagnosis is None else [effect for effect, size in diagnosis.detectable if not math.isfinite(size)]
+    return found | {effect.id: f"{effect.title}, of any size" for effect in hidden if effect.id not in found}
 
 
 def discriminating_experiment(finding: Finding) -> dict[str, Any] | None:
@@ -223,16 +211,12 @@ def discriminating_experiment(finding: Finding) -> dict[str, Any] | None:
         return None
     other = finding.indistinguishable[0]
     untested = all(alternative.effect is not other for alternative in finding.alternatives)
-    run = _separating(finding.effect, other, untested=untested)
-    plan = finding.plan
+    run, plan = _separating(finding.effect, other, untested=untested), finding.plan
     if plan is None or not plan.is_decisive:
         return run
-    return run | {
-        "run": plan.best.run.name,
-        "minutes": plan.best.run.seconds / 60.0,
-        "expected_log_likelihood_ratio": plan.best.gain,
-        "commands": commands_by_name(plan),
-    }
+    best = plan.best
+    expected = {"minutes": best.run.seconds / 60.0, "expected_log_likelihood_ratio": best.gain}
+    return run | {"run": best.run.name, **expected, "commands": commands_by_name(plan)}
 
 
 def _separating(one: Effect, other: Effect, *, untested: bool = False) -> dict[str, Any]:

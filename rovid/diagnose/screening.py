@@ -4,7 +4,7 @@ A score test predicts the log-likelihood gain of a further effect without a fit.
 """
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
@@ -200,7 +200,6 @@ def _predict(objective: NegativeLogLikelihood, directions: Directions, projectio
     form, starts = objective.effects[-1], directions.starts
     score, information = projection(directions)
     if form.size_count > 1:
-        form = objective.effects[-1]
         neutral = np.array([parameter.neutral for parameter in form.parameters])
         step = np.linalg.pinv(information, rcond=1e-6) @ score
         low, high = (bound[-len(neutral) :] for bound in objective.parametrization.bounds)
@@ -214,10 +213,10 @@ def _predict(objective: NegativeLogLikelihood, directions: Directions, projectio
     # Starts differ in other parameters too: the power is that of the most visible start, scaled to the first size.
     power = 0.5 * float(np.max(np.diag(information) * (sizes[0] / sizes) ** 2))
     # Where the linearisation misleads, as at a threshold, the gain at a start may be larger.
-    best_start = starts[int(np.argmax(directions.gains_unfitted))]
-    if directions.gains_unfitted.max() > gains.max():
-        return float(directions.gains_unfitted.max()), best_start, best_start, power
-    best = int(np.argmax(gains))
+    likeliest, best = int(np.argmax(directions.gains_unfitted)), int(np.argmax(gains))
+    best_start = starts[likeliest]
+    if directions.gains_unfitted[likeliest] > gains[best]:
+        return float(directions.gains_unfitted[likeliest]), best_start, best_start, power
     if gains[best] <= 0.0:
         return 0.0, starts[best], best_start, power
     # The joint gain of many starts includes that of noise: all but one have their BIC penalty.
@@ -283,11 +282,6 @@ def group_by_cause(tests: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
     return list(groups.values())
 
 
-def gains_by_cause(tests: Sequence[ScoreTest]) -> list[float]:
-    """Predicted gain of the best form of each effect, largest first."""
-    return [forms[0].gain for forms in group_by_cause(tests)]
-
-
 def best_forms(tests: Sequence[ScoreTest]) -> list[ScoreTest]:
     """The best form of every effect with a predicted gain, and more forms of the best effects."""
     listed: list[ScoreTest] = []
@@ -320,17 +314,14 @@ def shortlist(
     least = THRESHOLDS.shortlist_share * max((known_gain, *confirmed))
     listed: list[ScoreTest] = []
     for group in ranked:
-        if group[0].gain >= least:
-            listed += _shortlisted_forms(group, is_enough)
+        if group[0].gain < least:
+            continue
+        # The first few forms with enough predicted gain, and any simpler form with some.
+        few, rest = group[: THRESHOLDS.shortlisted_forms], group[THRESHOLDS.shortlisted_forms :]
+        enough = THRESHOLDS.shortlist_share * group[0].gain
+        own = [one for one in few if (one.gain >= enough and is_enough(one)) or _is_simpler(one, group[:1])]
+        listed += [*own, *(one for one in rest if _is_simpler(one, own or group[:1]))]
     return listed
-
-
-def _shortlisted_forms(group: Sequence[ScoreTest], is_enough: Callable[[ScoreTest], bool]) -> list[ScoreTest]:
-    """The first few forms with enough predicted gain, and any simpler form with some."""
-    first, few, rest = group[:1], group[: THRESHOLDS.shortlisted_forms], group[THRESHOLDS.shortlisted_forms :]
-    least = THRESHOLDS.shortlist_share * first[0].gain
-    listed = [one for one in few if (one.gain >= least and is_enough(one)) or _is_simpler(one, first)]
-    return [*listed, *(one for one in rest if _is_simpler(one, listed))]
 
 
 def _is_simpler(test: ScoreTest, others: Sequence[ScoreTest]) -> bool:
@@ -350,14 +341,10 @@ def further_forms(
     tests: Sequence[ScoreTest], others: Sequence[ScoreTest], leading: Sequence[FitResult]
 ) -> list[ScoreTest]:
     """The ``others`` of the causes of ``leading`` fits whose predicted gain is near that of the best listed form."""
-    listed = {one.effect.key for one in tests}
-    ids = {fitted.effects[-1].id for fitted in leading}
+    listed, ids = {one.effect.key for one in tests}, {fitted.effects[-1].id for fitted in leading}
     least = {forms[0].effect.id: THRESHOLDS.further_forms_share * forms[0].gain for forms in group_by_cause(tests)}
-    return [
-        one
-        for one in others
-        if one.effect.id in ids and one.effect.key not in listed and one.gain >= least[one.effect.id] > 0.0
-    ]
+    further = (one for one in others if one.effect.id in ids and one.effect.key not in listed)
+    return [one for one in further if one.gain >= least[one.effect.id] > 0.0]
 
 
 def extended(current: FitResult, test: ScoreTest) -> NegativeLogLikelihood:

@@ -1,7 +1,8 @@
 """Logged signals as regressors: effects without a name, for errors that follow a signal."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def signal_regressors(runs: Sequence[Run]) -> tuple[Effect, ...]:
     rates = {run.trial.name: _rate(run) / max(rms_rate, 1e-12) for run in runs}
     effects: list[Effect] = []
     for name in signal_names(runs):
-        signal = _standardise(runs, name)
+        signal = _signal(runs, name)
         if signal is None:
             continue
         ways = ("torque",) if name == runs[0].trial.axis.position_signal else _PARAMETERS
@@ -75,8 +76,7 @@ def _values(trial: Trial, name: str) -> FloatArray:
     return np.asarray(values)
 
 
-@dataclass(frozen=True, eq=False)
-class _Signal:
+class _Signal(NamedTuple):
     """A signal: (n,) values of each trial in its own unit, with mean and standard deviation over all trials."""
 
     name: str
@@ -84,20 +84,15 @@ class _Signal:
     mean: float
     spread: float
 
-    def standardised(self, inputs: ActuatorInputs) -> FloatArray:
-        """(m,) standardised signal; 0 at missing values."""
-        return np.nan_to_num((inputs.from_trials(self.values) - self.mean) / self.spread)
 
-
-def _standardise(runs: Sequence[Run], name: str) -> _Signal | None:
+def _signal(runs: Sequence[Run], name: str) -> _Signal | None:
     """The signal ``name``; None where it is unknown or constant."""
-    every = np.concatenate([_values(run.trial, name) for run in runs])
+    values = {run.trial.name: _values(run.trial, name) for run in runs}
+    every = np.concatenate([values[run.trial.name] for run in runs])
     if not np.isfinite(every).any():
         return None
     mean, spread = float(np.nanmean(every)), float(np.nanstd(every))
-    if not spread > 1e-9 * (abs(mean) + 1e-300):
-        return None
-    return _Signal(name, {run.trial.name: _values(run.trial, name) for run in runs}, mean, spread)
+    return _Signal(name, values, mean, spread) if spread > 1e-9 * (abs(mean) + 1e-300) else None
 
 
 def _rate(run: Run) -> FloatArray:
@@ -111,7 +106,7 @@ def _rate(run: Run) -> FloatArray:
 
 def _effect(signal: _Signal, way: str, rates: Mapping[str, FloatArray]) -> Effect:
     def modified(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
-        series = signal.standardised(inputs)
+        series = np.nan_to_num((inputs.from_trials(signal.values) - signal.mean) / signal.spread)
         size, *other = values.values()
         if way == "torque":
             return torque + size * series + other[0]

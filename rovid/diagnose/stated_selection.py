@@ -32,7 +32,7 @@ from rovid.model.parameter_names import without_form
 _EVEN = 0.5
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class StatedSelection:
     """A validated selection with its estimates, whose errors include everything that is known to be missing."""
 
@@ -77,11 +77,8 @@ def is_established(finding: Finding) -> bool:
 
 def _state(selection: Selection, plain: LikelihoodFit | None) -> StatedSelection:
     causes = list(map(selection.cause, selection.model.effects))
-    base, model, suspected = (
-        selection.full_data(selection.base),
-        selection.full_data(selection.model),
-        suspects(selection),
-    )
+    base, model = selection.full_data(selection.base), selection.full_data(selection.model)
+    suspected = suspects(selection)
     estimate = _average_over_forms(selection, model_estimate(model, white=model.is_white))
     by_dropped = np.zeros_like(estimate.covariance)
     if selection.dropped is not None:
@@ -100,12 +97,7 @@ def _state(selection: Selection, plain: LikelihoodFit | None) -> StatedSelection
     else:
         estimate = replace(base_estimate, covariance=base_estimate.covariance + by_dropped)
     return StatedSelection(
-        selection=selection,
-        causes=causes,
-        suspected=suspected,
-        estimate=average_over_suspects(estimate, suspected),
-        base_estimate=base_estimate,
-        plain=plain,
+        selection, causes, suspected, average_over_suspects(estimate, suspected), base_estimate, plain
     )
 
 
@@ -153,8 +145,7 @@ def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:
                 weight = 1.0
             weights.append(weight)
             deviations.append(_deviation(estimate, fitted))
-    away = np.array(deviations).reshape(-1, len(estimate.names))
-    share = np.array(weights) / (1.0 + sum(weights))
+    away, share = np.array(deviations).reshape(-1, len(estimate.names)), np.array(weights) / (1.0 + sum(weights))
     return replace(estimate, covariance=estimate.covariance + _between(away, share))
 
 

@@ -2,7 +2,7 @@
 
 import enum
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Self
@@ -20,15 +20,7 @@ from rovid.diagnose.candidate_fits import (
     model_words,
     simplest_form,
 )
-from rovid.diagnose.screening import (
-    ScoreTest,
-    best_forms,
-    gains_by_cause,
-    group_by_cause,
-    possible_substitutes,
-    score_tests,
-    shortlist,
-)
+from rovid.diagnose.screening import ScoreTest, best_forms, group_by_cause, possible_substitutes, score_tests, shortlist
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
@@ -171,17 +163,14 @@ class StepwiseSearch:
     def _gains(self, current: FitResult) -> list[float]:
         """Gain of each further effect, largest first: of the fits where there are any, else of the score tests."""
         if current.key not in self.cache.extensions:
-            return gains_by_cause(self.screen(current))
+            return [forms[0].gain for forms in group_by_cause(self.screen(current))]
         return _largest_gains(current, self.cache.extensions[current.key])
 
     def _fitted_gains(self, current: FitResult) -> list[float]:
         """As `_gains`, by fits of the few causes with the largest predicted gains."""
         tests = self.screen(current)
         leading = [forms[0] for forms in group_by_cause(tests)[: THRESHOLDS.whitening_causes]]
-        ahead, behind = fit_candidates(current, leading, self._may_lead, {}, tests)
-        for fitted in ahead:
-            self.cache.fits.setdefault(fitted.key, fitted)
-        return _largest_gains(current, [*ahead, *behind])
+        return _largest_gains(current, self._fit_listed(current, leading, {}, tests))
 
     def _grow(self, current: FitResult) -> FitResult:
         """Add effects one by one, until none is worth adding or the disturbance gets a wider limit."""
@@ -287,10 +276,6 @@ class StepwiseSearch:
             chosen = signal
         return chosen if chosen is default else self.cache.converged(chosen)
 
-    def best_extension(self, current: FitResult) -> FitResult | None:
-        """The best model with one effect more, worth adding or not; None where there is none."""
-        return max(filter(is_plausible, self.extensions(current)), key=bic_score, default=None)
-
     def extensions(self, current: FitResult, *, growing: bool = False) -> list[FitResult]:
         """Fits of ``current`` with each shortlisted form as an addition."""
         self.progress.screened.add(current.key)
@@ -329,7 +314,18 @@ class StepwiseSearch:
             leading = filter(self._may_lead, known.values())
             known_gain = max((current.value - fitted.value for fitted in leading), default=0.0)
             listed = shortlist(current, tests, self.threshold, self.screening_share, known_gain)
-        ahead, behind = fit_candidates(current, listed, self._may_lead, known, tests, self.budget)
+        return self._fit_listed(current, listed, known, tests, self.budget)
+
+    def _fit_listed(
+        self,
+        current: FitResult,
+        listed: Sequence[ScoreTest],
+        known: Mapping[str, FitResult],
+        tests: Sequence[ScoreTest],
+        budget: Budget | None = None,
+    ) -> list[FitResult]:
+        """`fit_candidates`; fits to the end are kept."""
+        ahead, behind = fit_candidates(current, listed, self._may_lead, known, tests, budget)
         for fitted in ahead:
             self.cache.fits.setdefault(fitted.key, fitted)
         return [*ahead, *behind]

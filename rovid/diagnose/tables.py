@@ -150,16 +150,14 @@ class _Problem:
         self.effects = () if effect is None else (effect,)
         self.starts = [()] if effect is None else effect.initial_values
         parameters = () if effect is None else effect.parameters
-        torque = float(rows.vehicle.thrusters[0].command_range() / 2.0)
-        rate = float(rows.rates.max())
+        torque, rate = float(rows.vehicle.thrusters[0].command_range() / 2.0), float(rows.rates.max())
         time = time_constant(begin, rate)
         scales = Scales(command=torque, torque=torque, rate=rate, wash=math.sqrt(torque), time=time)
         # Neither drag alone is much larger than the total drag at the largest torque and rate.
         self.drag_units = [] if rows.drag_known else [2.0 * torque / rate**2, 2.0 * torque / rate]
         drags = len(self.drag_units)
         self.effect_begins = 1 + drags
-        sizes = list(map(scales.unit_size, parameters))
-        self.units = np.array([1.0, *self.drag_units, *sizes])
+        self.units = np.array([1.0, *self.drag_units, *map(scales.unit_size, parameters)])
         least, largest = rows.inertias
         self.low = np.array([math.log(least), *[0.0] * drags, *[one.low for one in parameters]])
         self.high = np.array([math.log(largest), *[1.0] * drags, *[one.high for one in parameters]])
@@ -184,8 +182,7 @@ class _Problem:
         rest = np.array([math.log(self.begin.inertia), *drag])
         begins = [np.clip(np.concatenate((rest, start)), self.low, self.high) for start in self.starts]
         begins = sorted(begins, key=lambda x: float(np.sum(self.residuals(x) ** 2)))[:_STARTS]
-        first = [self._least_squares(x, _FIRST_EVALUATIONS) for x in begins]
-        best = min(first, key=lambda fit: float(fit.cost))
+        best = min((self._least_squares(x, _FIRST_EVALUATIONS) for x in begins), key=lambda fit: float(fit.cost))
         fit = self._least_squares(best.x, _EVALUATIONS)
         # SciPy's cost is half the sum of squares.
         return fit.x, 2.0 * float(fit.cost)
@@ -199,15 +196,9 @@ class _Problem:
     def _least_squares(self, x: FloatArray, evaluations: int) -> optimize.OptimizeResult:
         from scipy import optimize
 
-        return optimize.least_squares(
-            self.residuals,
-            x,
-            bounds=(self.low, self.high),
-            diff_step=np.full(len(self.low), _STEP),
-            max_nfev=evaluations,
-            ftol=_TOLERANCE,
-            xtol=0.1 * _TOLERANCE,
-        )
+        limits = {"max_nfev": evaluations, "ftol": _TOLERANCE, "xtol": 0.1 * _TOLERANCE}
+        bounds, steps = (self.low, self.high), np.full(len(self.low), _STEP)
+        return optimize.least_squares(self.residuals, x, bounds=bounds, diff_step=steps, **limits)
 
 
 def diagnose_tables(
@@ -255,14 +246,10 @@ def _predictions(sine: CsvTable, rows: _Rows, models: Sequence[Model], inertia: 
     """Each sine, simulated with the inertia of each method and the drag of its row."""
     for key, reading in inertia.methods.items():
         # The rates of holds follow those of the sines: the names end first.
-        for at, (name, model, rate) in enumerate(zip(row_names(sine), models, rows.rates, strict=False)):
-            yield SinePrediction(
-                trial=name,
-                method=key,
-                inertia=reading.value,
-                measured=float(rate),
-                predicted=float(rows.simulate(replace(model, inertia=reading.value))[at]),
-            )
+        own = reading.value
+        for at, (name, model, rate) in enumerate(zip(row_names(sine), models, rows.rates.tolist(), strict=False)):
+            predicted = float(rows.simulate(replace(model, inertia=own))[at])
+            yield SinePrediction(trial=name, method=key, inertia=own, measured=rate, predicted=predicted)
 
 
 def _read_rows(sine: CsvTable, steady: CsvTable | None, start: Model, rigid_body: float | None) -> _Rows:

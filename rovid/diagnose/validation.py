@@ -1,4 +1,4 @@
-"""Validation of a selected model: ties, consistency of sizes, rejection rules, and suspects.
+"""Validation of a selected model: consistency of sizes, rejection rules, and suspects.
 
 Most functions take a `Selection` and return a new one; `rovid.diagnose.algorithm` calls them in order.
 `first_rejection` applies the rules that each effect of a selected model must pass. Each rule is a function of the
@@ -74,16 +74,9 @@ def first_rejection(selection: Selection, passed: Collection[str] = ()) -> Rejec
     model, search = selection.model, selection.search
     # A weak effect may be what makes a strong one fail.
     for effect in sorted(model.effects, key=lambda one: -bic_score(search.without(model, one))):
-        if effect.key not in passed and (rejection := rejection_of(selection, effect)) is not None:
-            return rejection
-    return None
-
-
-def rejection_of(selection: Selection, effect: Effect) -> Rejection | None:
-    """The first of the `RULES` that ``effect`` fails; None where it passes all."""
-    for rule in RULES:
-        if reason := rule(selection, effect):
-            return Rejection(effect=effect, reason=reason, is_likely=rule is likely)
+        for rule in () if effect.key in passed else RULES:
+            if reason := rule(selection, effect):
+                return Rejection(effect=effect, reason=reason, is_likely=rule is likely)
     return None
 
 
@@ -220,31 +213,9 @@ def _probability(selection: Selection, effect: Effect) -> float:
 
 
 def _too_small(selection: Selection, fitted: FitResult, effect: Effect) -> str:
-    least = THRESHOLDS.min_standard_errors
-    if selection.multi_step:
-        least = THRESHOLDS.min_standard_errors_multi_step
+    least = THRESHOLDS.min_standard_errors_multi_step if selection.multi_step else THRESHOLDS.min_standard_errors
     size = significance(fitted, effect)
     return f"differs from zero by only {size:.1f} standard errors" if size < least else ""
-
-
-def resolve_ties(selection: Selection) -> Selection:
-    """Replace effects by alternatives that gain more on all data; the search compares thinned data."""
-    for _ in range(THRESHOLDS.max_tie_decisions):
-        better = _better_alternative(selection)
-        if better is None:
-            break
-        selection = replace(selection, model=better.fitted)
-    return selection
-
-
-def _better_alternative(selection: Selection) -> Alternative | None:
-    for effect in selection.model.effects:
-        cause = selection.cause(effect)
-        for one in cause.alternatives:
-            signal_for_name = is_signal(one.effect) and not is_signal(effect)
-            if one.bic_gain > cause.bic_gain and not signal_for_name and selection.search.is_allowed(one.effect):
-                return one
-    return None
 
 
 def drop_likely(selection: Selection, likely: Collection[str]) -> Selection:
@@ -285,13 +256,14 @@ def report_remainder(selection: Selection) -> Selection:
     It may come from approximate equations, or need a parameter at the limit of its range.
     """
     selection = _report_limited(selection)
-    following = selection.search.best_extension(selection.model)
-    if following is None or bic_score(following) - bic_score(selection.model) < selection.search.threshold:
+    model, search = selection.model, selection.search
+    following = max(filter(is_plausible, search.extensions(model)), key=bic_score, default=None)
+    if following is None or bic_score(following) - bic_score(model) < search.threshold:
         return selection
-    effect, gain = following.effects[-1], selection.model.value - following.value
+    effect, gain = following.effects[-1], model.value - following.value
     if any(effect is one for one in selection.inconsistent):
         return selection
-    if selection.search.is_worth_adding(following, selection.model):
+    if search.is_worth_adding(following, model):
         why = "The gain is large enough for a cause, but the search ended before it was added."
     else:
         why = "The gain is small and may only reflect that the equations of the other effects are approximate."

@@ -50,10 +50,8 @@ class WaveTest:
         """Log-likelihood gain of the waves on pieces that were not fitted, in nats."""
         if self.fitted is None:
             return 0.0
-        with_waves, without = (
-            held_out_log_likelihood(cross_validate(fitted, self.pieces)) for fitted in (self.fitted, self.plain)
-        )
-        return with_waves - without
+        folds = [cross_validate(fitted, self.pieces) for fitted in (self.fitted, self.plain)]
+        return held_out_log_likelihood(folds[0]) - held_out_log_likelihood(folds[1])
 
     @cached_property
     def probability(self) -> float:
@@ -123,15 +121,13 @@ def run_wave_test(data: InnovationData, beside: FitResult, wave: Effect | None, 
         return WaveTest(plain, pieces)
     with_waves = _fit_with_waves(plain, wave)
     bic_gain = bic_score(with_waves) - bic_score(plain)
-    if not is_plausible(with_waves) or bic_gain <= 0.0 or _is_sensor_filter(data, plain, with_waves):
+    is_possible = is_plausible(with_waves) and bic_gain > 0.0 and not _is_sensor_filter(data, plain, with_waves)
+    if not is_possible or _in_one_run(with_waves):
         return WaveTest(plain, pieces)
-    if _in_one_run(with_waves):
-        return WaveTest(plain, pieces)
-    gain = plain.value - with_waves.value
     if not with_waves.is_white:
         # Coloured innovations overstate the gain: its scatter over time limits it.
         bic_gain = min(bic_gain, _supported_gain(with_waves, plain))
-    return WaveTest(plain, pieces, with_waves, gain, bic_gain)
+    return WaveTest(plain, pieces, with_waves, plain.value - with_waves.value, bic_gain)
 
 
 def _in_one_run(fitted: FitResult) -> bool:

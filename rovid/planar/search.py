@@ -352,7 +352,7 @@ class PlanarSearch:
     # --- Challenge ----------------------------------------------------------------------------------------------------
 
     def challenged(self, model: PlanarOptimum) -> PlanarOptimum:
-        """The model, or a better set of causes in its place; see `rovid.diagnose.challenge`."""
+        """The model, or a better set of causes in its place; see `rovid.diagnose.selection`."""
         for _ in range(THRESHOLDS.max_challenges):
             if not self.causes(model) or self.budget.skips("the final challenge"):
                 break

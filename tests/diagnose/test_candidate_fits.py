@@ -118,6 +118,12 @@ def test_the_simplest_form_is_fitted_after_any_number_of_others() -> None:
     assert listed({**predicted, "tether_torsion": 0.0}) == others
 
 
+def test_a_simple_form_behind_costly_ones_is_fitted() -> None:
+    # Three forms with two parameters gain less than these cost; the form with one parameter gains enough.
+    predicted = dict.fromkeys(("tether_torsion:stiffening", "tether_torsion:slack", "tether_torsion:rest"), 10.0)
+    assert listed({**predicted, "tether_torsion": 9.0}, threshold=4.0, price=4.0) == ["tether_torsion"]
+
+
 def test_no_more_than_seven_causes_are_fitted() -> None:
     causes = ["bias_torque", "thruster_lag", "tether_torsion", "command_delay", "drag_curvature", "slew_limit"]
     causes += ["thruster_deadband", "thrust_asymmetry", "drag_asymmetry"]

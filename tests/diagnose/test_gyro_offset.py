@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rovid.core.budget import Budget
-from rovid.diagnose.gyro_offset import without_gyro_offset
+from rovid.diagnose.log_rivals import without_gyro_offset
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import effect_named
 from rovid.trial.preprocessing import PreparedRuns, prepare

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.diagnose.hidden_sway import indistinguishable_sway
+from rovid.diagnose.build_result import indistinguishable_sway
 from rovid.effects import effect_named
 from rovid.effects.base import Body, Instant, Scales
 from rovid.trial.axis import AXES, YAW, Axis

@@ -9,17 +9,9 @@ import numpy as np
 import pytest
 
 from rovid.core.budget import Budget
-from rovid.diagnose import log_rivals
-from rovid.diagnose.log_rivals import (
-    _diagnose,
-    _instants,
-    _sensor_warnings,
-    _without_offset,
-    coupled_causes,
-    coupled_sentence,
-    diagnose_majority,
-    few_logs,
-)
+from rovid.diagnose import foreign_logs, log_rivals
+from rovid.diagnose.foreign_logs import diagnose_majority, few_logs
+from rovid.diagnose.log_rivals import _diagnose, _warnings, _without_offset, coupled_causes, coupled_sentence
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects import bias_torque, command_delay, effect_named, supply_sag
 from rovid.effects.clock_offset import CLOCKS_APART, mean_shifted
@@ -67,7 +59,7 @@ def test_a_long_delay_between_topics_may_be_an_offset(form: int, delay: float, s
 def test_a_lag_may_be_the_sensor_s_where_no_rate_is_logged(effect: int, gyro: bool, warned: bool) -> None:
     cause = [finding(command_delay.FORMS[0], [0.3]), finding(bias_torque.FORMS[0], [0.3])][effect]
     runs = [replace(run, trial=replace(run.trial, rate=np.zeros(len(run.trial.time)))) for run in day("small", 0)]
-    warnings = [*_sensor_warnings(runs if gyro else day("small", 0), [cause])]
+    warnings = [*_warnings(runs if gyro else day("small", 0), [cause])]
     assert ["navigation filter" in text for text in warnings] == [True] * warned
 
 
@@ -144,7 +136,7 @@ def test_sizes_without_a_law_are_possible_at_most() -> None:
 def test_a_loss_of_thrust_is_placed_in_its_log(seconds: float, place: str) -> None:
     runs = [replace(one, trial=replace(one.trial, campaign_time=1e4 * k)) for k, one in enumerate(day("small", 0))]
     effect = effect_named("thruster_imbalance:a from an instant")
-    (text,) = _instants(runs, [finding(effect, [0.6, (2e4 + seconds) / 3600.0]), finding(SAG, [0.2, 1.0])])
+    (text,) = _warnings(runs, [finding(effect, [0.6, (2e4 + seconds) / 3600.0]), finding(SAG, [0.2, 1.0])])
     assert place in text
     assert NAMES[2 if seconds > 0.0 else 1] in text
     assert "thrust of a is 0.6" in text
@@ -164,7 +156,7 @@ def test_what_the_other_logs_do_not_show_is_not_established(
     def diagnosed(prepared: PreparedRuns, *_: object) -> Diagnosis:
         return every if len(prepared.items) == len(NAMES) else others
 
-    monkeypatch.setattr(log_rivals, "diagnose", diagnosed)
+    monkeypatch.setattr(foreign_logs, "diagnose", diagnosed)
     result = diagnose_majority(runs, VEHICLE, lambda _: None)
     if found_by_others:
         assert result is every
@@ -186,7 +178,7 @@ def test_of_two_payloads_the_logs_of_one_are_diagnosed(monkeypatch: pytest.Monke
     def diagnosed(prepared: PreparedRuns, *_: object) -> Diagnosis:
         return every if prepared is runs else one
 
-    monkeypatch.setattr(log_rivals, "diagnose", diagnosed)
+    monkeypatch.setattr(foreign_logs, "diagnose", diagnosed)
     result = diagnose_majority(runs, VEHICLE, lambda _: None)
     (suspect,) = result.suspects
     assert (result.verdict, result.findings, result.faults) == ("suspected", (), ())

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from rovid.core.budget import Budget
+from rovid.diagnose.foreign_logs import returning_logs, with_returned_logs
 from rovid.diagnose.result import Diagnosis
-from rovid.diagnose.returned_logs import returning_logs, with_returned_logs
 from rovid.effects import Effect, effect_named
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.faults.base import RunsData, examine

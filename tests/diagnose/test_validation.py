@@ -14,7 +14,7 @@ from rovid.diagnose.algorithm import validate
 from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score
 from rovid.diagnose.cross_validation import HeldOutScores
 from rovid.diagnose.evidence import probability_not_a_stand_in
-from rovid.diagnose.selection import Selection
+from rovid.diagnose.selection import Selection, resolve_ties
 from rovid.diagnose.signal_regressors import signal_regressors
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
@@ -24,7 +24,6 @@ from rovid.diagnose.validation import (
     first_rejection,
     raises_disturbance,
     report_remainder,
-    resolve_ties,
     simulates_worse,
     within_sampling,
 )
