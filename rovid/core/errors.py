@@ -120,8 +120,7 @@ def close_matches(wanted: str, present: Iterable[str], also: Mapping[str, str] =
     similar = [bare[name] for name in difflib.get_close_matches(whole, bare, n=3, cutoff=0.5)]
     mistyped = difflib.get_close_matches(asked, names, n=1, cutoff=0.9)  # A letter too many is no abbreviation.
     found = (*with_word, *synonyms, *mistyped, *abbreviated, *similar)
-    close = dict.fromkeys(name for name in found if name in names)
-    return [names[name] for name in close][:3]
+    return [names[name] for name in dict.fromkeys(name for name in found if name in names)][:3]
 
 
 def _abbreviates(letters: str, name: str) -> bool:

@@ -151,8 +151,7 @@ def round_to_error(value: float, error: float) -> str:
     if not math.isfinite(error) or error <= 0.0:
         return significant(value, 4)
     # The exponent after rounding: 0.0996 is 0.10.
-    exponent = int(f"{error:.1e}".partition("e")[2])
-    return rounded(value, 1 - exponent)
+    return rounded(value, 1 - int(f"{error:.1e}".partition("e")[2]))
 
 
 def significant(value: float, digits: int) -> str:

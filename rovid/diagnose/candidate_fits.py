@@ -115,8 +115,7 @@ def fit_from_best_start(
     goal: float = math.inf,
 ) -> FitResult:
     """Fit from the ``nested`` model with the most likely of the ``starts`` of the last effect; never less likely."""
-    begins = [np.concatenate((nested.x, start)) for start in starts]
-    (best,) = objective.most_likely(begins, 1)
+    (best,) = objective.most_likely([np.concatenate((nested.x, start)) for start in starts], 1)
     fitted = fit_coarse(objective, best, iterations, goal)
     if fitted.value <= nested.value:
         return fitted

@@ -149,8 +149,7 @@ def _cut_run(run_index: int, trial: Trial, length: float) -> list[_Part]:
     for session in _sessions(trial):
         time = trial.time[session]
         count = max(round(float(np.ptp(time)) / length), 1)
-        ends = np.linspace(time[0], time[-1], count + 1)
-        pieces += np.split(session, np.searchsorted(time, ends[1:-1]))
+        pieces += np.split(session, np.searchsorted(time, np.linspace(time[0], time[-1], count + 1)[1:-1]))
     parts = []
     for number, piece in enumerate(pieces, start=1):
         if len(piece) < THRESHOLDS.part_samples:
@@ -365,8 +364,7 @@ def position_std_after(
     motion = np.array([-model.stiffness, -slope, 1.0]) / model.inertia
     dynamics = np.array([[0.0, 1.0, 0.0], motion, [0.0, 0.0, -1.0 / memory]])
     driving = np.diag([0.0, 0.0, 2.0 * torque**2 / memory])
-    covariance = _propagate(dynamics, driving, np.diag([*initial, torque**2]), seconds)
-    return math.sqrt(max(float(covariance[0, 0]), 0.0))
+    return math.sqrt(max(float(_propagate(dynamics, driving, np.diag([*initial, torque**2]), seconds)[0, 0]), 0.0))
 
 
 def _propagate(dynamics: FloatArray, driving: FloatArray, initial: FloatArray, seconds: float) -> FloatArray:

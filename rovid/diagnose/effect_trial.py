@@ -66,8 +66,7 @@ def try_effect(prepared: PreparedRuns, vehicle: Vehicle, forms: Sequence[Effect]
     kept = replace(selected, objective=selected.objective.with_effects(effects), x=x)
     models = [base, *[innovations.begin(innovations.search_data, kept, kept)] * bool(effects)]
     tried = [_gain(model, form, problem.innovations.pieces) for model in models for form in without_waves(forms)]
-    ordered = dict(sorted(gains.items(), key=lambda item: -item[1]))
-    return EffectTrial(tried=tuple(tried), others=ordered)
+    return EffectTrial(tried=tuple(tried), others=dict(sorted(gains.items(), key=lambda item: -item[1])))
 
 
 def _gain(model: FitResult, effect: Effect, pieces: Sequence[CvPiece]) -> EffectGain:

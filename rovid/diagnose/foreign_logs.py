@@ -107,8 +107,7 @@ def _foreign_fault(finding: Finding, logs: tuple[str, ...], *, is_set_aside: boo
         f"show it. {f'{done} set aside.' if is_set_aside else 'Repeat these runs, and compare.'}"
     )
     remedy: Remedy = "set_aside" if is_set_aside else "none"
-    confidence = EVEN * finding.probability
-    return Fault(fault="foreign_log", logs=logs, text=text, confidence=confidence, remedy=remedy)
+    return Fault(fault="foreign_log", logs=logs, text=text, confidence=EVEN * finding.probability, remedy=remedy)
 
 
 def with_returned_logs(

@@ -311,8 +311,7 @@ def _fitted_offset(prepared: PreparedRuns, vehicle: Vehicle, effects: tuple[Effe
         runs = prepare(Campaign(trials=tuple(corrected), sources=()), vehicle, cutoff=prepared.cutoff)
         return -fit_likelihood(runs.items, vehicle, effects).log_likelihood
 
-    rates = np.concatenate([trial.rate for trial in trials if trial.rate is not None])
-    size = float(np.sqrt(np.nanmean(rates**2)))
+    size = float(np.sqrt(np.nanmean(np.concatenate([trial.rate for trial in trials if trial.rate is not None]) ** 2)))
     bounds = (-_LARGEST * size, _LARGEST * size)
     found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": _FINEST * size})
     return float(found.x), -float(found.fun)

@@ -186,8 +186,7 @@ def thin_for_waves(data: InnovationData) -> InnovationData:
     """``data`` thinned as far as the test for waves allows."""
     seconds = sum(float(np.ptp(run.trial.time)) for run in data.runs)
     longest = THRESHOLDS.wave_thinning_time_constants * data.usual_time
-    interval = max(_search_interval(data), min(seconds / THRESHOLDS.wave_samples, longest))
-    return replace(data, interval=interval)
+    return replace(data, interval=max(_search_interval(data), min(seconds / THRESHOLDS.wave_samples, longest)))
 
 
 def screening_data(wave_data: InnovationData, search_data: InnovationData) -> InnovationData:
@@ -219,8 +218,7 @@ def missing_log_likelihood(fitted: FitResult) -> tuple[float, float]:
     """Log-likelihood (nats) that an unlimited disturbance would gain, and that white innovations would gain then."""
     unlimited = fitted
     if fitted.at_limit:
-        objective = fitted.objective.with_limit(UNLIMITED)
-        unlimited = fit_coarse(objective, fitted.x, THRESHOLDS.search_iterations)
+        unlimited = fit_coarse(fitted.objective.with_limit(UNLIMITED), fitted.x, THRESHOLDS.search_iterations)
     colour = 0.0 if unlimited.is_white else unlimited.whitening_gain
     return fitted.value - unlimited.value, colour
 

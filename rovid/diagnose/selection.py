@@ -217,8 +217,7 @@ def challenge(selection: Selection) -> Selection:
     At last the closest alternatives of each effect are compared on all data.
     """
     for _ in range(THRESHOLDS.max_challenges):
-        challengers = challenging_fits(selection.search, selection.model)
-        better = _better(selection, challengers)
+        better = _better(selection, challenging_fits(selection.search, selection.model))
         if better is None:
             break
         selection.search.progress.exchanged.add(selection.model.key)

@@ -72,8 +72,7 @@ def _values(trial: Trial, name: str) -> FloatArray:
     """(n,) signal in its own unit."""
     if name == trial.axis.position_signal:
         return np.interp(trial.time, trial.time[trial.measured], trial.position[trial.measured])
-    values = getattr(trial, name) if name in _TILTS else trial.extras[name]
-    return np.asarray(values)
+    return np.asarray(getattr(trial, name) if name in _TILTS else trial.extras[name])
 
 
 class _Signal(NamedTuple):

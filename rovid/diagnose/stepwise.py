@@ -205,8 +205,7 @@ class StepwiseSearch:
 
         def fit_pair(at: int) -> FitResult:
             one, other = pairs[at]
-            initial = objectives[at].parametrization.initial_values()
-            starts = (other.effect_coordinates(other.effects[-1]), *initial)
+            starts = (other.effect_coordinates(other.effects[-1]), *objectives[at].parametrization.initial_values())
             return fit_from_best_start(objectives[at], one, starts, THRESHOLDS.search_iterations)
 
         fits = fit_in_parallel(objectives, fit_pair, self.budget, "Pairs of effects")

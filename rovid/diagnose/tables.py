@@ -164,8 +164,7 @@ class _Problem:
 
     def model(self, x: FloatArray) -> Model:
         """The model at (q,) ``x``."""
-        sizes = x[self.effect_begins :] * self.units[self.effect_begins :]
-        values = tuple(map(float, sizes))
+        values = tuple(map(float, x[self.effect_begins :] * self.units[self.effect_begins :]))
         model = replace(self.begin, inertia=math.exp(x[0]), effects=self.effects, effect_values=values)
         if not self.drag_units:
             return model

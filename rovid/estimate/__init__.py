@@ -1,6 +1,6 @@
 """Identification: from prepared runs to parameters with their covariance.
 
-Drag and inertia by dedicated runs: `steady_points`, `steady_drag`, `oscillation_tests`, `inertia`; `thrust_curve` from
+Drag and inertia by dedicated runs: `steady_points`, `steady_drag`, `oscillation_tests`, `inertia`; `drives` from
 bench readings. Start of the likelihood fits: `output_error`. Likelihood: the data (`dataset`, then `filter_data` for
 one-step and `multi_step` for multi-step predictions), the coordinates (`parametrization`), the objective (`objective`,
 with `innovation_likelihood` and `multi_step`), its derivatives (`fisher_information`), the optimiser

@@ -219,8 +219,7 @@ def sampled_shares(pieces: Sequence[_Piece], scales: RunScales) -> tuple[FloatAr
     levels = np.array([0.0, *shares], dtype=np.float64)
     # A tiny delay, because rounding must not move an instant to the previous level.
     at = np.searchsorted(np.array([LEAD_SECONDS, *ends]), time + 1e-9, side="right")
-    held = levels[np.minimum(at, len(levels) - 1)]
-    return np.asarray(time, dtype=np.float64), held
+    return np.asarray(time, dtype=np.float64), levels[np.minimum(at, len(levels) - 1)]
 
 
 def _single_thruster(name: str, at: int, scales: RunScales) -> CandidateRun:
@@ -269,8 +268,7 @@ def design_run(worth: Callable[[CandidateRun], float], scales: RunScales, second
         return np.asarray(np.clip(found.x, *bounds.T))
 
     ranked = sorted((np.clip(start, *bounds.T) for start in starts), key=cost)
-    best = min([ranked[0], *map(search, ranked[:_SEARCHES])], key=cost)
-    return pattern_run(best, scales, duration)
+    return pattern_run(min([ranked[0], *map(search, ranked[:_SEARCHES])], key=cost), scales, duration)
 
 
 def pattern_run(pattern: FloatArray, scales: RunScales, seconds: float) -> CandidateRun:

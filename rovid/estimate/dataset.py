@@ -226,8 +226,7 @@ class FitData(ABC):
     @cached_property
     def run_index(self) -> IntArray:
         """(N,) index of the run of each innovation."""
-        counts = [len(begin) for begin, _ in self.innovation_spans]
-        return np.repeat(np.arange(len(self.runs)), counts)
+        return np.repeat(np.arange(len(self.runs)), [len(begin) for begin, _ in self.innovation_spans])
 
     @cached_property
     def block_index(self) -> IntArray:
@@ -292,8 +291,7 @@ class FitData(ABC):
     @cached_property
     def position_noise(self) -> float:
         """Standard deviation of the measurement noise before any fit."""
-        noise = [run.rates.position_noise for run in self.runs]
-        return max(float(np.median(noise)), NOISE_FLOOR * self.reading_scale)
+        return max(float(np.median([run.rates.position_noise for run in self.runs])), NOISE_FLOOR * self.reading_scale)
 
     @cached_property
     def driven_runs(self) -> Sequence[Run]:

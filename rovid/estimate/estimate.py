@@ -80,8 +80,7 @@ class Estimate:
     def only(self, names: Sequence[str]) -> Self:
         """The estimate of the parameters ``names`` alone."""
         at = list(map(self.names.index, names))
-        covariance = self.covariance[np.ix_(at, at)]
-        return replace(self, names=tuple(names), values=self.values[at], covariance=covariance)
+        return replace(self, names=tuple(names), values=self.values[at], covariance=self.covariance[np.ix_(at, at)])
 
     def value(self, name: str) -> float:
         """Value of the parameter ``name``."""
@@ -103,8 +102,7 @@ class Estimate:
             # An interval that includes zero is so wide that a factor does not matter.
             if log_error == 0.0 or plain * value <= 0.0:
                 return plain
-            spread = math.hypot(math.log(plain / value), log_error)
-            return value * math.exp(math.copysign(spread, sign * value))
+            return value * math.exp(math.copysign(math.hypot(math.log(plain / value), log_error), sign * value))
 
         return edge(-1.0), edge(1.0)
 

@@ -251,8 +251,7 @@ def _log_likelihood_ratio(trial: Trial, wrong: CandidateModel, vehicle: Vehicle)
     jacobian = jacobian * scale
     gradient = jacobian.T @ residual
     step, *_ = np.linalg.lstsq(jacobian.T @ jacobian + prior, gradient, rcond=1e-12)
-    lost = 0.5 * float(residual @ residual - gradient @ step)
-    return max(lost, 0.0)
+    return max(0.5 * float(residual @ residual - gradient @ step), 0.0)
 
 
 def _prior_information(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -268,8 +267,7 @@ def command_changes(information: ExpectedInformation) -> tuple[list[float], list
     commands[-1] = commands[0]  # each run begins at rest
     changes = np.flatnonzero(np.any(np.diff(commands, axis=0) != 0.0, axis=1)) + 1
     rows = np.unique(np.concatenate(([0], changes, [len(commands) - 1])))
-    times = [round(float(instant), 4) for instant in information.run.time[rows]]
-    return times, np.round(commands[rows], 5).tolist()
+    return [round(float(instant), 4) for instant in information.run.time[rows]], np.round(commands[rows], 5).tolist()
 
 
 def commands_by_name(plan: ExperimentPlan) -> dict[str, list[float]]:

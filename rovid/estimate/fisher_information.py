@@ -119,31 +119,26 @@ def negative_log_likelihoods(error: FloatArray, variance: FloatArray) -> FloatAr
 def total_negative_log_likelihood(here: Innovations, weight: float | FloatArray) -> float:
     """Weighted sum of the negative log-likelihoods; large, but finite, where the model diverges."""
     weights = np.broadcast_to(weight, here.error.shape)
-    pieces = _pieces(len(weights), _CHUNK)
+    pieces = _pieces(len(weights))
     total = sum(float(np.sum(weights[rows] * negative_log_likelihoods(*here.select(rows)))) for rows in pieces)
     return total if math.isfinite(total) else _DIVERGED
 
 
-def _pieces(count: int, at_once: int) -> list[slice]:
-    """Slices of up to ``at_once`` rows that cover ``count`` rows; one empty slice for no rows."""
-    return [slice(begin, min(begin + at_once, count)) for begin in range(0, max(count, 1), at_once)]
+def _pieces(count: int) -> list[slice]:
+    """Slices that cover ``count`` rows; one empty slice for no rows."""
+    return [slice(begin, min(begin + _CHUNK, count)) for begin in range(0, max(count, 1), _CHUNK)]
 
 
 def jacobian_chunks(
-    centre: Innovations,
-    sides: Sequence[Innovations],
-    step: FloatArray,
-    weight: float | FloatArray,
-    at_once: int = _CHUNK,
-    first: int = 0,
+    centre: Innovations, sides: Sequence[Innovations], step: FloatArray, weight: float | FloatArray, first: int = 0
 ) -> Iterator[Jacobian]:
-    """Jacobians by finite differences, up to ``at_once`` innovations each.
+    """Jacobians by finite differences, some innovations at a time.
 
     ``sides`` are the innovations one (p,) signed ``step`` away from the ``centre`` along each of p coordinates.
     ``weight`` is one or (N,). ``first`` is the row of the first of these innovations among all.
     """
     weights = np.broadcast_to(weight, centre.error.shape)
-    for rows in _pieces(len(weights), at_once):
+    for rows in _pieces(len(weights)):
         here, *there = (one.select(rows) for one in (centre, *sides))
         yield _jacobian(slice(first + rows.start, first + rows.stop), here, there, step, weights[rows])
 
@@ -219,8 +214,7 @@ def whitening_gain(series: Sequence[FloatArray]) -> float:
     noise = 1e-9 * power[0] * (np.arange(_LAGS) == 0)
     predictor = linalg.solve_toeplitz(power[:-1] + noise, power[1:])
     left = 1.0 - float(predictor @ power[1:]) / power[0]
-    count = sum(map(len, series))
-    return -0.5 * count * math.log(max(left, 1e-12))
+    return -0.5 * sum(map(len, series)) * math.log(max(left, 1e-12))
 
 
 def _lagged_product(series: Sequence[FloatArray], lag: int) -> float:

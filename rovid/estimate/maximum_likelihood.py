@@ -257,8 +257,7 @@ def _covariance_of_horizons(fitted: FitResult) -> tuple[FloatArray, list[str]]:
         count = len(fitted.model.names)
         return np.zeros((count, count)), []
     scatter = np.diag(fitted.covariance(sandwich=True))
-    least = np.diag(fitted.covariance(sandwich=False))
-    added = np.diag(np.maximum(least - scatter, 0.0))
+    added = np.diag(np.maximum(np.diag(fitted.covariance(sandwich=False)) - scatter, 0.0))
     if min(part.effective_count for part in parts) <= len(fitted.x):
         return added, []
     short, long = (fit(part, fitted.x, iterations=_HORIZON_ITERATIONS) for part in parts)

@@ -117,16 +117,15 @@ def _extended(
 def _in_order(objective: NegativeLogLikelihood, x: FloatArray, effects: Sequence[Effect]) -> FloatArray:
     """(p,) the coordinates ``x`` of ``objective`` for its effects in another order."""
     places = dict(objective.parametrization.effect_slices())
-    common = x[: objective.parametrization.effects_begin]
-    return np.concatenate((common, *(x[places[effect]] for effect in effects)))
+    return np.concatenate((x[: objective.parametrization.effects_begin], *(x[places[effect]] for effect in effects)))
 
 
-def exchanged_or_same(fitted: FitResult, goal: float = math.inf) -> FitResult:
+def exchanged_or_same(fitted: FitResult) -> FitResult:
     """The better of a fit and of the fit from its exchanged time constants.
 
     A physical inertia is better than one below the rigid body's, unless the likelihood clearly contradicts.
     """
-    other = _exchanged_fit(fitted, min(goal, fitted.value + DISTINGUISHABLE))
+    other = _exchanged_fit(fitted)
     if other is None:
         return fitted
     handicaps = [DISTINGUISHABLE * _is_below_rigid_body(one) for one in (fitted, other)]
@@ -186,7 +185,7 @@ def covariance_of_optima(fitted: FitResult) -> tuple[FloatArray, list[str]]:
             f"{name} ends at {value}, the bound of its range, and has no standard error of its own: the one that is "
             "stated is that of the whole range. The cause may be another one."
         )
-    other = _exchanged_fit(fitted, fitted.value + DISTINGUISHABLE)
+    other = _exchanged_fit(fitted)
     if other is None or other.value > fitted.value + DISTINGUISHABLE or _is_below_rigid_body(other):
         return added, warnings
     away = other.model.values - model.values
@@ -204,10 +203,10 @@ def covariance_of_optima(fitted: FitResult) -> tuple[FloatArray, list[str]]:
     return added, warnings
 
 
-def _exchanged_fit(fitted: FitResult, goal: float) -> FitResult | None:
-    """The fit from exchanged time constants, as far as it may reach the ``goal``; None without a lag."""
+def _exchanged_fit(fitted: FitResult) -> FitResult | None:
+    """The fit from exchanged time constants, as far as the likelihood may not decide; None without a lag."""
     exchanged = with_exchanged_time_constants(fitted)
-    return None if exchanged is None else fit(fitted.objective, exchanged, goal=goal)
+    return None if exchanged is None else fit(fitted.objective, exchanged, goal=fitted.value + DISTINGUISHABLE)
 
 
 def _is_below_rigid_body(fitted: FitResult) -> bool:

@@ -157,8 +157,7 @@ class NegativeLogLikelihood(ABC):
 
     def most_likely(self, points: Sequence[FloatArray], count: int) -> list[FloatArray]:
         """The ``count`` most likely of the ``points``, best first."""
-        order = np.argsort(self.values(points), kind="stable")
-        return [points[at] for at in order[:count]]
+        return [points[at] for at in np.argsort(self.values(points), kind="stable")[:count]]
 
     def masked(self, series: IntArray) -> IntArray:
         """(n,) elements of the (N,) ``series`` that belong to used innovations."""

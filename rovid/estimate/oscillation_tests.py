@@ -142,8 +142,7 @@ def _fit_harmonics(run: Run, rows: IntArray, period: float) -> PeriodicMotion:
     coefficients = np.linalg.lstsq(basis, both, rcond=None)[0]
     amplitudes = coefficients[2 : 2 + count] - 1j * coefficients[2 + count :]
     torque, rate = np.vstack((coefficients[:1], amplitudes)).T / gain[: count + 1]
-    seconds = len(rows) * run.rates.kernel.period
-    return PeriodicMotion(frequency=frequency, torque=torque, rate=rate, seconds=seconds)
+    return PeriodicMotion(frequency=frequency, torque=torque, rate=rate, seconds=len(rows) * run.rates.kernel.period)
 
 
 def orbit_integral(trials: Sequence[SineTrial]) -> InertiaReading:
@@ -177,8 +176,7 @@ def _work_and_weight(motion: PeriodicMotion, torque: ComplexArray, harmonics: sl
     """Work of the torque on the acceleration, and the squared acceleration, of ``harmonics`` over the whole run."""
     acceleration = motion.acceleration()[harmonics]
     work = float(np.real(np.sum(torque * np.conj(acceleration))))
-    weight = float(np.sum(np.abs(acceleration) ** 2))
-    return work * motion.seconds, weight * motion.seconds
+    return work * motion.seconds, float(np.sum(np.abs(acceleration) ** 2)) * motion.seconds
 
 
 def _combine(trials: Sequence[SineTrial], measure: Callable[[PeriodicMotion], tuple[float, float]]) -> InertiaReading:
@@ -204,8 +202,7 @@ def _combine(trials: Sequence[SineTrial], measure: Callable[[PeriodicMotion], tu
         ratio = float(np.sum(((values - value) / errors) ** 2)) / (len(trials) - 1)
         consistent = f_sf(len(trials) - 1, float(dof.sum()), ratio) > _DISAGREE
         error *= math.sqrt(max(ratio, 1.0))
-    sources = [trial.source for trial in trials]
-    runs = zip(sources, values.tolist(), errors.tolist(), strict=True)
+    runs = zip([trial.source for trial in trials], values.tolist(), errors.tolist(), strict=True)
     return InertiaReading(value=value, standard_error=error, runs=tuple(runs), consistent=consistent)
 
 
@@ -323,8 +320,7 @@ def _standard_error(formula: Callable[[Model], float], model: Model, estimate: E
     value, slopes = formula(model), np.zeros(len(values))
     for at in np.flatnonzero(errors > 0.0):
         step = np.where(np.arange(len(values)) == at, _STEP * errors, 0.0)
-        moved = Model.from_values(values + step, model.axis, model.effects)
-        slopes[at] = (formula(moved) - value) / step[at]
+        slopes[at] = (formula(Model.from_values(values + step, model.axis, model.effects)) - value) / step[at]
     return math.sqrt(float(slopes @ estimate.covariance @ slopes))
 
 

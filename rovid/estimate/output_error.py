@@ -236,8 +236,7 @@ def _bounded(
     values = _solve(instruments, measured, torque, free)
     while (values[_DRAGS] < 0.0).any():
         # The drag with the largest negative torque first.
-        torques = values[_DRAGS] * np.linalg.norm(measured[:, _DRAGS], axis=0)
-        free[1 + int(np.argmin(torques))] = False
+        free[1 + int(np.argmin(values[_DRAGS] * np.linalg.norm(measured[:, _DRAGS], axis=0)))] = False
         values = _solve(instruments, measured, torque, free)
     if not values[0] > 0.0:
         signs = f"{axis.arm_key}, command and {axis.required_signals}"
@@ -323,8 +322,7 @@ def _fit(runs: tuple[Run, ...]) -> Model:
     unbounded = np.full(len(start) - 3, np.inf)
     low, high = np.array([0.05, 0.0, 0.0, *-unbounded]), np.array([20.0, np.inf, np.inf, *unbounded])
     begin = (start / scale)[free]
-    bounds = low[free], high[free]
-    solution = least_squares(residuals, begin, bounds=bounds, x_scale=np.maximum(np.abs(begin), 0.1))
+    solution = least_squares(residuals, begin, bounds=(low[free], high[free]), x_scale=np.maximum(np.abs(begin), 0.1))
     found = model(solution.x)
     # Drag runs off where the best simulation stands still. Filters would then take thousands of steps in each interval.
     shortest = _SHORTEST_DECAY * float(np.median([run.trial.sampling_interval for run in runs]))
@@ -352,5 +350,4 @@ def _start(runs: Sequence[Run]) -> FloatArray:
     if not power > 0.0 or restoring_effect(runs[0].trial.axis) is not None:
         raise error
     inertia = float(np.linalg.norm(torque) / np.linalg.norm(acceleration))
-    drag = power / np.sum(np.abs(rate) ** 3)
-    return np.array([inertia, drag, 0.0])
+    return np.array([inertia, power / np.sum(np.abs(rate) ** 3), 0.0])

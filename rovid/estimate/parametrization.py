@@ -189,5 +189,4 @@ def _restoring_parameters(data: FitData) -> tuple[EffectParameter, ...]:
 
 def _parameters(data: FitData, effects: tuple[Effect, ...]) -> list[EffectParameter]:
     """Parameters of the restoring torque, then of each effect."""
-    own = [parameter for effect in effects for parameter in effect.parameters]
-    return [*_restoring_parameters(data), *own]
+    return [*_restoring_parameters(data), *[parameter for effect in effects for parameter in effect.parameters]]

@@ -319,8 +319,7 @@ def lasting_covariance(balance: TorqueBalance, points: Sequence[SteadyPoint]) ->
             shapes = one.shapes(memory * usual, scale)
             factors = np.linalg.cholesky(shapes)
             spread = solver[:, one.hold] * one.share
-            known = np.column_stack((design[one.hold], one.torque))
-            rows.append(np.linalg.solve(factors, known[np.newaxis]))
+            rows.append(np.linalg.solve(factors, np.column_stack((design[one.hold], one.torque))[np.newaxis]))
             covariance += spread @ shapes @ spread.T
             log_determinant += np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
         triangles = np.linalg.qr(np.concatenate(rows, axis=1), mode="r")

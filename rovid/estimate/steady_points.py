@@ -129,8 +129,7 @@ def _block_means(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArr
     begin, end = (
         np.array([hold.start, hold.stop - rates.kernel.half_width]) + np.array([-0.5, 0.5]) * rates.kernel.period
     )
-    inside = (rates.time >= begin) & (rates.time <= end) & rates.valid
-    rows = np.flatnonzero(inside)
+    rows = np.flatnonzero((rates.time >= begin) & (rates.time <= end) & rates.valid)
     size = _block_samples(run)
     # Blocks are counted from the end, because the start is transient.
     block = rows[len(rows) % size :].reshape(-1, size)
@@ -167,8 +166,7 @@ def long_run_variance(values: FloatArray) -> float:
     if power <= 0.0 or count < 3:
         return power / max(count, 1)
     correlation = float(values[1:] @ values[:-1]) / power
-    corrected = correlation + (1.0 + 3.0 * correlation) / count
-    correlation = min(max(corrected, 0.0), 0.95)
+    correlation = min(max(correlation + (1.0 + 3.0 * correlation) / count, 0.0), 0.95)
     return power / (count - 2) * (1.0 + correlation) / (1.0 - correlation)
 
 

@@ -111,8 +111,7 @@ class UnknownPasts:
             rows = []
             for (_, values), model in zip(each, models, strict=True):
                 rows.append(term.unknown_start(values, self.rate, self.torque / model.inertia))
-            stds = np.array(rows).T
-            found += [(TERM_STATES * at + state, own) for state, own in enumerate(stds) if own.all()]
+            found += [(TERM_STATES * at + state, own) for state, own in enumerate(np.array(rows).T) if own.all()]
         return found
 
     def _duration(self, given: TorqueInput, moved: TorqueInput) -> float:

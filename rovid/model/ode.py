@@ -178,8 +178,7 @@ def euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:
     roll, pitch = (_smooth_tilt(trial, values, grid) for values in (trial.roll, trial.pitch))
     pitch_rate = np.gradient(pitch, trial.time)
     slope = (rate + pitch_rate * np.sin(roll)) / (np.cos(roll) * np.cos(pitch))
-    steps = 0.5 * (slope[1:] + slope[:-1]) * np.diff(trial.time)
-    return np.concatenate(([0.0], np.cumsum(steps)))
+    return np.concatenate(([0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(trial.time))))
 
 
 def _smooth_tilt(trial: Trial, values: FloatArray, grid: FloatArray) -> FloatArray:

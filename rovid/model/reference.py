@@ -148,8 +148,7 @@ def predict(
     equation: ReferenceEquation, period: float, torque_input: TorqueInput, initial: Motion, steps_ahead: int
 ) -> FloatArray:
     """(1 + steps_ahead,) angle turned after each interval of ``period`` s since a restart, eq. (6)."""
-    grid = np.arange(steps_ahead + 1.0) * period
-    _, angle = simulate(equation, grid, torque_input, initial)
+    _, angle = simulate(equation, np.arange(steps_ahead + 1.0) * period, torque_input, initial)
     return angle - initial.angle
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from rovid.diagnose.screening import score_tests
 from rovid.effects import effect_named
+from rovid.estimate import fisher_information
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fisher_information import NormalEquations, grouped_scores, jacobian_chunks
 from rovid.estimate.fit_result import fit
@@ -52,11 +53,14 @@ def test_scores_of_all_blocks_add_up_to_the_gradient(objective: InnovationLikeli
 
 
 @pytest.mark.parametrize("at_once", [1, 7, 599])
-def test_sums_do_not_depend_on_the_chunk_size(objective: InnovationLikelihood, at_once: int) -> None:
+def test_sums_do_not_depend_on_the_chunk_size(
+    objective: InnovationLikelihood, at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     x, step = objective.parametrization.initial(), np.full(6, 1e-3)
     centre, *sides = objective.evaluate_nearby(x, list(x + np.diag(step)))
     whole = NormalEquations.from_jacobians(jacobian_chunks(centre, sides, step, objective.weight))
-    sums = NormalEquations.from_jacobians(jacobian_chunks(centre, sides, step, objective.weight, at_once))
+    monkeypatch.setattr(fisher_information, "_CHUNK", at_once)
+    sums = NormalEquations.from_jacobians(jacobian_chunks(centre, sides, step, objective.weight))
     assert sums.gradient == pytest.approx(whole.gradient)
     assert sums.information == pytest.approx(whole.information)
 
