@@ -195,9 +195,15 @@ class _Problem:
     def _least_squares(self, x: FloatArray, evaluations: int) -> optimize.OptimizeResult:
         from scipy import optimize
 
-        limits = {"max_nfev": evaluations, "ftol": _TOLERANCE, "xtol": 0.1 * _TOLERANCE}
-        bounds, steps = (self.low, self.high), np.full(len(self.low), _STEP)
-        return optimize.least_squares(self.residuals, x, bounds=bounds, diff_step=steps, **limits)
+        return optimize.least_squares(
+            self.residuals,
+            x,
+            bounds=(self.low, self.high),
+            diff_step=np.full(len(self.low), _STEP),
+            max_nfev=evaluations,
+            ftol=_TOLERANCE,
+            xtol=0.1 * _TOLERANCE,
+        )
 
 
 def diagnose_tables(

@@ -368,14 +368,15 @@ def _response(runs: Sequence[Run], name: str, axis: Axis, *, unit: float, wheels
         values = np.linalg.lstsq(rows, rate, rcond=None)[0]
         return values, rate - rows @ values
 
+    def left(times: FloatArray) -> FloatArray:
+        return fitted(times)[1]
+
     longest = max(run.trial.duration for run in runs) * _LONGEST_LAG
     starts = [np.array([longest / 4.0**power, 0.0]) for power in range(1, _STARTS + 1)]
     start = min(starts, key=lambda times: float(np.sum(fitted(times)[1] ** 2)))
     step = longest * 1e-4
     bounds = np.zeros(2), np.full(2, longest)
-    found = least_squares(
-        lambda times: fitted(times)[1], start, bounds=bounds, x_scale=float(start.max()), diff_step=[1e-3, 1e-3]
-    )
+    found = least_squares(left, start, bounds=bounds, x_scale=float(start.max()), diff_step=[1e-3, 1e-3])
     times = np.asarray(found.x)
     (gain, _), residual = fitted(times)
     rows = columns(times)

@@ -158,9 +158,13 @@ class Model:
         """Terms of the equation of motion for compiled loops."""
         return pack_terms(self.bound_effects, self.natural_frequency, self.inertia)
 
+    def equation(self, start: float) -> Equation:
+        """Equation of motion for a trial that starts at position ``start`` in rad or m."""
+        return Equation(self.body, self.terms, start)
+
     def equation_for(self, trial: Trial) -> Equation:
         """Equation of motion for ``trial``."""
-        return Equation(self.body, self.terms, trial.first_position)
+        return self.equation(trial.first_position)
 
     @property
     def wave_parameters(self) -> FloatArray:
