@@ -2,7 +2,7 @@
 
 import enum
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Self
@@ -170,7 +170,10 @@ class StepwiseSearch:
         """As `_gains`, by fits of the few causes with the largest predicted gains."""
         tests = self.screen(current)
         leading = [forms[0] for forms in group_by_cause(tests)[: THRESHOLDS.whitening_causes]]
-        return _largest_gains(current, self._fit_listed(current, leading, {}, tests))
+        ahead, behind = fit_candidates(current, leading, self._may_lead, {}, tests)
+        for fitted in ahead:
+            self.cache.fits.setdefault(fitted.key, fitted)
+        return _largest_gains(current, [*ahead, *behind])
 
     def _grow(self, current: FitResult) -> FitResult:
         """Add effects one by one, until none is worth adding or the disturbance gets a wider limit."""
@@ -313,18 +316,7 @@ class StepwiseSearch:
             leading = filter(self._may_lead, known.values())
             known_gain = max((current.value - fitted.value for fitted in leading), default=0.0)
             listed = shortlist(current, tests, self.threshold, self.screening_share, known_gain)
-        return self._fit_listed(current, listed, known, tests, self.budget)
-
-    def _fit_listed(
-        self,
-        current: FitResult,
-        listed: Sequence[ScoreTest],
-        known: Mapping[str, FitResult],
-        tests: Sequence[ScoreTest],
-        budget: Budget | None = None,
-    ) -> list[FitResult]:
-        """`fit_candidates`; fits to the end are kept."""
-        ahead, behind = fit_candidates(current, listed, self._may_lead, known, tests, budget)
+        ahead, behind = fit_candidates(current, listed, self._may_lead, known, tests, self.budget)
         for fitted in ahead:
             self.cache.fits.setdefault(fitted.key, fitted)
         return [*ahead, *behind]

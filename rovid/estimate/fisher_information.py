@@ -99,7 +99,7 @@ def grouped_scores(pieces: Iterable[Jacobian], groupings: Sequence[IntArray]) ->
     scores = [np.zeros(()) for _ in groupings]
     for piece in pieces:
         with np.errstate(over="ignore", invalid="ignore"):
-            triangles = [np.linalg.qr(np.concatenate((*triangles, piece.matrix)), mode="r")]
+            triangles = [np.asarray(np.linalg.qr(np.concatenate((*triangles, piece.matrix)), mode="r"))]
         columns = piece.scores.T
         for at, (used, number) in enumerate(numbered):
             sums = [np.bincount(number[piece.rows], weights=column, minlength=len(used)) for column in columns]

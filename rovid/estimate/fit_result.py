@@ -166,7 +166,7 @@ class FitResult:
             # A model that diverges within a difference step leaves the covariance unknown.
             return np.diag(np.full(len(size), math.inf))
         plain = covariance = inverse_of_triangle(triangle)
-        flat = ~triangle.any(axis=0)
+        flat = np.asarray(~triangle.any(axis=0))
         if sandwich:
             by_block, by_run = scores
             covariance = sandwich_covariance(plain, by_block)
