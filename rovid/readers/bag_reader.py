@@ -58,8 +58,7 @@ def read(path: Path, config: Config) -> RawLog:
     with _opened(path) as (connections, messages, damage):
         handlers = {}
         for one in connections:
-            handler = topics.handler(one.topic, partial(_decoder, path, one), mapping=False)
-            if handler is not None:
+            if (handler := topics.handler(one.topic, partial(_decoder, path, one), mapping=False)) is not None:
                 handlers[one.number] = handler
         for number, stamp, data in _until_damage(messages, handlers, damage):
             handlers[number](data, stamp, stamp)
@@ -72,8 +71,7 @@ def sources(path: Path) -> LogContents:
     listing = TopicListing(path, KIND)
     with _opened(path) as (connections, messages, damage):
         for one in connections:
-            handler = listing.handler(one.topic, partial(_decoder, path, one), mapping=False)
-            if handler is not None:
+            if (handler := listing.handler(one.topic, partial(_decoder, path, one), mapping=False)) is not None:
                 for _, stamp, data in islice(_until_damage(messages, [one.number], damage), 1):
                     handler(data, stamp, stamp)
     return listing.contents(dict.fromkeys(damage))
@@ -166,8 +164,8 @@ def _decoder(path: Path, one: _BagConnection) -> Decoder:
     except (KeyError, ValueError) as error:
         text = (
             f"the type {one.kind} of topic {one.topic!r}, encoded as {one.encoding!r}, is not defined in the bag, and "
-            f"it is none of ROS 2's own. {suggestion(one.kind, get_typestore(Stores.LATEST).fielddefs)}"
         )
+        text += f"it is none of ROS 2's own. {suggestion(one.kind, get_typestore(Stores.LATEST).fielddefs)}"
         mend = "Convert the bag to MCAP where the type is known, or map another topic."
         raise LogError(text, where=path, mend=mend) from error
     except Exception as error:

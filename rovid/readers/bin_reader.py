@@ -103,7 +103,16 @@ class DataFlashLog:
         self._names: dict[int, str] = {}
         self._lengths[_FMT], self._takers[_FMT] = _FMT_LENGTH, self._take_description
         self._scan()
-        self._find_instance_fields()
+        # FMTU marks the field of the sensor's number.
+        units = self.types.get("FMTU")
+        if units is None or not {"FmtType", "UnitIds"} <= set(units.labels):
+            return
+        columns = units.columns(self.data)
+        for number, letters in zip(columns["FmtType"].tolist(), columns["UnitIds"].tolist(), strict=True):
+            kind = self.types.get(self._names.get(number, ""))
+            at = letters.find(b"#") if isinstance(letters, bytes) else -1
+            if kind is not None and 0 <= at < len(kind.labels):
+                kind.instance_field = kind.labels[at]
 
     def _scan(self) -> None:
         # Local names are fast: there may be a million messages.
@@ -151,18 +160,6 @@ class DataFlashLog:
         self.types[name] = kind
         if name in self.wanted:
             self._takers[number] = kind.offsets.append
-
-    def _find_instance_fields(self) -> None:
-        """Take from FMTU the field that holds the sensor's number."""
-        units = self.types.get("FMTU")
-        if units is None or not {"FmtType", "UnitIds"} <= set(units.labels):
-            return
-        columns = units.columns(self.data)
-        for number, letters in zip(columns["FmtType"].tolist(), columns["UnitIds"].tolist(), strict=True):
-            kind = self.types.get(self._names.get(number, ""))
-            at = letters.find(b"#") if isinstance(letters, bytes) else -1
-            if kind is not None and 0 <= at < len(kind.labels):
-                kind.instance_field = kind.labels[at]
 
     def holds(self, name: str) -> bool:
         """Whether the log has messages ``name``, which must be wanted."""

@@ -143,10 +143,8 @@ class _Builder:
         )
         resets = tuple((at - start, size) for at, size in self.raw.resets)
         known = frozenset(fault.fault for fault in self.faults)
-        trial = self.examined(
-            "trial", TrialData(trial=trial, vehicle=self.config.vehicle, resets=resets, known=known)
-        ).trial
-        trial = replace(trial, faults=tuple(self.faults))
+        data = TrialData(trial=trial, vehicle=self.config.vehicle, resets=resets, known=known)
+        trial = replace(self.examined("trial", data).trial, faults=tuple(self.faults))
         if not fixes:
             return trial
         # A position on the map is none along the body before the heading is known, too.
@@ -160,18 +158,15 @@ class _Builder:
         # The clock of the measured signal comes first: the others may share its steps.
         ordered = sorted(clocks.values(), key=lambda channels: self.measured_signal not in channels)
         series = dict(chain.from_iterable(map(self.one_clock, ordered)))
-        self.find_common_pauses(series)
-        if {"north", "east"} <= series.keys() and self.config.signals["north"].is_geodetic:
-            series["north"], series["east"] = time_base.local_position(series["north"], series["east"])
-        return series
-
-    def find_common_pauses(self, series: Mapping[str, TimedSeries]) -> None:
-        """Add the pauses of motion and commands that are not in one table."""
+        # Pauses of motion and commands that are not in one table.
         measured, commands = series[self.measured_signal], [series[one.name] for one in self.config.commands]
         stamps = tuple({id(one.time): one.known_time for one in commands if one.time is not measured.time}.values())
         if stamps and not self.cuts:
             clocks = ClocksData(log=self.name, measured=measured.known_time, commands=stamps)
             self.unknown += self.examined("clocks", clocks).unknown
+        if {"north", "east"} <= series.keys() and self.config.signals["north"].is_geodetic:
+            series["north"], series["east"] = time_base.local_position(series["north"], series["east"])
+        return series
 
     def one_clock(self, channels: Mapping[str, Channel]) -> Iterator[tuple[str, TimedSeries]]:
         first = next(iter(channels))
@@ -239,7 +234,14 @@ class _Builder:
         position, remarks = clean(signal.time, signal.values, self.kind, self.measured_words)
         self.remark_missing(self.measured_signal, logged)
         self.remarks += remarks
-        self.check_interval(logged.known_time)
+        interval = subsampled_median(np.diff(logged.known_time))
+        is_slow_by_unit = interval > MAX_INTERVAL and self.config.time.unit != "auto"
+        if not (_MIN_INTERVAL <= interval <= MAX_INTERVAL or is_slow_by_unit):
+            text = f"successive {self.measured_words} readings are {interval:.4g} s apart by the assumed unit of "
+            text += f"{self.raw.channels[self.measured_signal].clock}; an interval between a millisecond and some "
+            mend = 'Set unit = "s", "ms", "us" or "ns" in [signals] time. The unit holds for all logs: if others have '
+            mend += "another unit, convert the stamps of this log instead."
+            raise self.error(f"{text}seconds was expected.", mend)
         if len(position) == len(logged.time):
             return TimedSeries(time=logged.time, values=position)
         values = np.full(len(logged.time), np.nan)
@@ -252,19 +254,6 @@ class _Builder:
             source = self.raw.channels[name].source
             text = f"{source} ({name}) is missing in {logged.missing} samples{consequence}."
             self.remark("missing", logged.missing, text)
-
-    def check_interval(self, time: FloatArray) -> None:
-        interval = subsampled_median(np.diff(time))
-        is_slow_by_unit = interval > MAX_INTERVAL and self.config.time.unit != "auto"
-        if _MIN_INTERVAL <= interval <= MAX_INTERVAL or is_slow_by_unit:
-            return
-        clock = self.raw.channels[self.measured_signal].clock
-        raise self.error(
-            f"successive {self.measured_words} readings are {interval:.4g} s apart by the assumed unit of {clock}; "
-            "an interval between a millisecond and some seconds was expected.",
-            'Set unit = "s", "ms", "us" or "ns" in [signals] time. The unit holds for all logs: if others have another '
-            "unit, convert the stamps of this log instead.",
-        )
 
     def commands(self, series: Mapping[str, TimedSeries], measured: TimedSeries) -> list[TimedSeries]:
         """Every command, each known at least once."""

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -58,10 +59,9 @@ def find_logs(
         known = unique.setdefault(one.path.resolve(), one)
         if known is not one:
             remarks.append(left_out(one.name, f"it is the same file as {known.name}", "repeated"))
-    without_repeats = list(unique.values())
     # Files ordered by name; files of the same name in two folders are named by their paths.
-    counts = Counter(one.name for one in without_repeats)
-    named = [one if counts[one.name] == 1 else replace(one, name=one.path.as_posix()) for one in without_repeats]
+    counts = Counter(one.name for one in unique.values())
+    named = [one if counts[one.name] == 1 else replace(one, name=one.path.as_posix()) for one in unique.values()]
     files = sorted(named, key=lambda one: one.name)
     if config.maps_format("nmea"):
         # Without the logs of the same name as an NMEA text, which are read together with it.
@@ -92,14 +92,6 @@ def candidate_files(paths: Sequence[Path]) -> list[Path]:
 def left_out(name: str, reason: str, kind: str = "skipped") -> Remark:
     """Remark on a file that was left out."""
     return Remark(kind=kind, count=1, text=f"{name} was left out: {reason}.")
-
-
-def file_size(path: Path) -> int:
-    """Size in bytes; 0 for a broken link, which reading reports."""
-    try:
-        return sum(part.stat().st_size for part in file_parts(path))
-    except OSError:
-        return 0
 
 
 def _files_in(paths: Sequence[Path], remarks: list[Remark]) -> list[_File]:
@@ -179,8 +171,8 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
 
 def _mapped_columns(config: Config) -> set[str]:
     """Columns of the time and of the signals in CSV files."""
-    mapped = config.mapped_signals("csv").values()
-    columns = {config.time.sources.get("csv", ""), *(signal.sources["csv"] for signal in mapped)}
+    columns = {config.time.sources.get("csv", "")}
+    columns |= {signal.sources["csv"] for signal in config.mapped_signals("csv").values()}
     return columns | {column.partition(QUALIFIER)[2] for column in columns if QUALIFIER in column}
 
 
@@ -215,7 +207,6 @@ def _unmatched_exclusions(logs: Sequence[_File], config: Config) -> Iterator[Rem
 
 
 def _no_logs(paths: Sequence[Path], files: Sequence[_File], config: Config) -> LogError:
-    where = ", ".join(map(str, paths))
     if not files:
         return nothing_to_read(paths)
     names = [one.name for one in files]
@@ -227,7 +218,8 @@ def _no_logs(paths: Sequence[Path], files: Sequence[_File], config: Config) -> L
     mapped = quoted_list(sorted(_mapped_columns(config) - {""})[:_MAX_NAMES_IN_MESSAGE])
     text = f"holds {len(files)} {noun} ({', '.join(names)}) but no log: "
     text += f"none has a column that rovid.toml maps ({mapped}){unmapped}."
-    return LogError(text, where=where, mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.")
+    mend = "Correct [signals] in rovid.toml, or give the folder that holds the logs."
+    return LogError(text, where=", ".join(map(str, paths)), mend=mend)
 
 
 def nothing_to_read(paths: Sequence[Path]) -> LogError:
@@ -265,13 +257,11 @@ def read_campaign(
     ``without``: Files to ignore.
     """
     logs, remarks = find_logs(paths, config, without)
-    read = reading or read_trials
-    trials = []
-    budget = Budget(report=report)
+    trials, budget = list[Trial](), Budget(report=report)
     began = budget.clock()
     for done, (name, path) in enumerate(logs):
         budget.tell("Reading the logs", done, len(logs), began, "log")
-        trials += read(path, config, name, remarks)
+        trials += (reading or read_trials)(path, config, name, remarks)
     return campaign_of(trials, config, paths, remarks)
 
 
@@ -285,8 +275,20 @@ def campaign_of(
     if not trials:
         raise LogError("nothing is left of these logs.", where=config.path, mend="Correct [[leave_out]].")
     kept, faults = examine_campaign(trials, config)
-    medians = _medians(kept)
-    placed = zip(kept, _campaign_times(kept), strict=True)
+    # Median of each further channel over all trials.
+    readings: dict[str, list[FloatArray]] = {}
+    for trial in kept:
+        for name, values in trial.extras.items():
+            readings.setdefault(name, []).append(values)
+    channels = {name: np.concatenate(readings[name]) for name in sorted(readings)}
+    medians = {name: float(np.nanmedian(values)) for name, values in channels.items() if np.isfinite(values).any()}
+    # Start in s after the first trial; one after the other by name unless all logs have absolute times.
+    starts = [trial.start_epoch for trial in kept if trial.start_epoch is not None]
+    times = np.cumsum([0.0, *(trial.duration for trial in kept[:-1])]).tolist()
+    if len(starts) == len(kept):
+        first = min(starts)
+        times = [start - first for start in starts]
+    placed = zip(kept, times, strict=True)
     together = tuple(replace(trial, reference=medians, campaign_time=time) for trial, time in placed)
     return Campaign(trials=together, sources=tuple(sources), remarks=tuple(remarks), faults=faults)
 
@@ -308,30 +310,6 @@ def read_trials(path: Path, config: Config, name: str, remarks: list[Remark]) ->
     if not parts:
         remarks.append(left_out(name, "rovid.toml excludes all of it"))
     return parts
-
-
-def _campaign_times(trials: Sequence[Trial]) -> list[float]:
-    """Start of each trial in s after the first; one after the other by name unless all logs have absolute times."""
-    starts = [trial.start_epoch for trial in trials if trial.start_epoch is not None]
-    if len(starts) == len(trials):
-        first = min(starts, default=0.0)
-        return [start - first for start in starts]
-    durations = [trial.duration for trial in trials[:-1]]
-    return [0.0, *np.cumsum(durations).tolist()]
-
-
-def _medians(trials: Sequence[Trial]) -> dict[str, float]:
-    """Median of each further channel over all trials."""
-    readings: dict[str, list[FloatArray]] = {}
-    for trial in trials:
-        for name, values in trial.extras.items():
-            readings.setdefault(name, []).append(values)
-    medians = {}
-    for name in sorted(readings):
-        values = np.concatenate(readings[name])
-        if np.isfinite(values).any():
-            medians[name] = float(np.nanmedian(values))
-    return medians
 
 
 # --- logs read by a forked child while this process imports the estimators --------------------------------------
@@ -368,7 +346,10 @@ class PrefetchedReader(ForkedCall[_TrialsRead]):
 def _read_small_logs(paths: Sequence[Path], axis: Axis) -> _TrialsRead:
     config, read = load_config(find_config(paths), axis), _TrialsRead()
     logs, _ = find_logs(paths, config)
-    if sum(file_size(path) for _, path in logs) < _LARGE:
+    size = _LARGE
+    with suppress(OSError):  # Reading reports a broken link.
+        size = sum(part.stat().st_size for _, path in logs for part in file_parts(path))
+    if size < _LARGE:
         for name, path in logs:
             remarks: list[Remark] = []
             read[path, name] = read_trials(path, config, name, remarks), remarks

@@ -45,9 +45,7 @@ class Kind:
 
     def wrap(self, step: FloatArray) -> FloatArray:
         """``step`` within half a turn."""
-        if np.isinf(self.turn):
-            return step
-        return step - self.turn * np.rint(step / self.turn)
+        return step if np.isinf(self.turn) else step - self.turn * np.rint(step / self.turn)
 
 
 # An alternating acceleration of 160 deg/s^2 (4 * 40), or of 4 m/s^2.
@@ -63,9 +61,7 @@ class _Samples:
     def __init__(self, time: FloatArray, angle: FloatArray, kind: Kind, name: str) -> None:
         self.time, self.angle, self.kind, self.name = time, angle, kind, name
         self.steps = np.diff(angle)
-        self.wraps = np.arange(0)  # Steps of more than half a turn.
-        if self.steps.size and max(self.steps.max(), -self.steps.min()) > kind.turn / 2.0:
-            self.wraps = np.flatnonzero(np.abs(self.steps) > kind.turn / 2.0)
+        self.wraps = np.flatnonzero(np.abs(self.steps) > kind.turn / 2.0)  # Steps of more than half a turn.
 
     @cached_property
     def wrapped_steps(self) -> FloatArray:

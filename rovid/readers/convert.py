@@ -20,7 +20,6 @@ from rovid.readers.raw_log import require_library
 from rovid.trial.axis import ANGLE_UNITS, SIGNAL_UNITS
 from rovid.trial.config import Config
 from rovid.trial.trial import Trial
-from rovid.trial.vehicle import Thruster
 
 # Unit -> end of a name with this unit.
 SUFFIXES: Mapping[str, str] = {
@@ -30,9 +29,7 @@ SUFFIXES: Mapping[str, str] = {
 
 def name_with_unit(name: str, unit: str) -> str:
     """``name`` with its ``unit`` at the end, if the unit is known."""
-    if unit not in SUFFIXES:
-        return name
-    return f"{name}_{SUFFIXES[unit]}"
+    return f"{name}_{SUFFIXES[unit]}" if unit in SUFFIXES else name
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,10 +45,8 @@ class OutputTopic:
         """JSON schema of the messages."""
         fields = {}
         for name in self.fields:
-            field = {"type": "number"}
-            if self.units.get(name):
-                field["description"] = self.units[name]
-            fields[name] = field
+            unit = self.units.get(name)
+            fields[name] = {"type": "number", "description": unit} if unit else {"type": "number"}
         return {
             "$schema": "https://json-schema.org/draft/2020-12/schema",
             "title": self.name.strip("/"),
@@ -90,9 +85,7 @@ def mcap_bytes(topics: Sequence[OutputTopic], library: str = "rovid") -> bytes:
 
 
 _SUFFIXES = (".csv", ".mcap", ".parquet")
-_TOPIC = "/trial"
-_TIME = "time_s"
-_COMMAND = "command."
+_TOPIC, _TIME, _COMMAND = "/trial", "time_s", "command."
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -171,9 +164,7 @@ def _columns(trial: Trial, config: Config) -> list[_Column]:
         # SI, but degrees for angles; a user's own signal keeps its unknown unit.
         units = ANGLE_UNITS if signal in steered else SIGNAL_UNITS.get(signal, {})
         unit = "deg" if units is ANGLE_UNITS else next((unit for unit, factor in units.items() if factor == 1.0), "")
-        values = found
-        if unit == "deg":
-            values = np.rad2deg(found)
+        values = np.rad2deg(found) if unit == "deg" else found
         if signal == "heading":
             values = np.remainder(values, 360.0)
         text = name_with_unit(re.sub(r"\W+", "_", signal), unit)
@@ -184,39 +175,30 @@ def _columns(trial: Trial, config: Config) -> list[_Column]:
 
 def _mapping(columns: list[_Column], kind: str, config: Config) -> str:
     """[[thrusters]], [[rudders]] and [signals] for the new log."""
-    rudders = {thruster.name: thruster for thruster in config.vehicle.thrusters if thruster.steering is not None}
+    rudders = {one.name: (one, one.steering) for one in config.vehicle.thrusters if one.steering is not None}
 
     def source(column: _Column) -> str:
         place = f"{_TOPIC}.{column.name}" if kind == "mcap" else column.name
         unit = f', unit = "{column.unit}"' if column.unit else ""
         return f"{{ {kind} = {toml_text(place)}{unit} }}"
 
-    lines = []
     # Messages have their own clock, tables have a time column.
     clock = {"mcap": "log"}.get(kind, _TIME)
-    signals = ["[signals]", f'time = {{ {kind} = "{clock}" }}']
+    lines, signals = [], ["[signals]", f'time = {{ {kind} = "{clock}" }}']
     for column in columns:
         if column.signal.startswith(_COMMAND):
             name = column.signal.removeprefix(_COMMAND)
             block, key = ("[[rudders]]", "angle") if name in rudders else ("[[thrusters]]", "command")
             lines += [block, f"name = {toml_text(name)}", f"{key} = {source(column)}"]
             if name in rudders:
-                lines += _rudder_lines(rudders[name])
+                rudder, steering = rudders[name]
+                lines.append(f"speed = {toml_text(steering.speed)}")
+                if steering.wheels or not rudder.arm_guessed:
+                    lines.append(f"{rudder.scale_key} = {steering.size:.10g}")
+                if steering.wheels and rudder.arm_guessed:  # A guess remains one.
+                    lines.append(f"{rudder.scale_key}_guessed = {steering.size:.10g}")
             lines.append("")
         else:
             key = column.signal if _BARE_KEY.fullmatch(column.signal) else toml_text(column.signal)
             signals.append(f"{key} = {source(column)}")
     return "\n".join([*lines, *signals]) + "\n"
-
-
-def _rudder_lines(rudder: Thruster) -> Iterator[str]:
-    """Speed and size of a rudder; a guess remains one."""
-    steering = rudder.steering
-    if steering is None:
-        return
-    yield f"speed = {toml_text(steering.speed)}"
-    size = f"{steering.size:.10g}"
-    if steering.wheels or not rudder.arm_guessed:
-        yield f"{rudder.scale_key} = {size}"
-    if steering.wheels and rudder.arm_guessed:
-        yield f"{rudder.scale_key}_guessed = {size}"

@@ -184,8 +184,7 @@ def _encoding(path: Path, head: bytes) -> str:
             return name
     body = head.rstrip(b"\0")
     if b"\0" in body:
-        halves = {"utf-16-le": body[1::2], "utf-16-be": body[::2]}
-        for name, half in halves.items():
+        for name, half in {"utf-16-le": body[1::2], "utf-16-be": body[::2]}.items():
             if half.count(0) > 0.9 * len(half):
                 return name
         raise _no_text(path, "NUL bytes")

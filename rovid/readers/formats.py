@@ -121,8 +121,17 @@ def _read_joined(path: Path, files: list[Path], config: Config) -> RawLog:
         prefix = f"{file.name}: " if file != path else ""
         remarks += [replace(remark, text=prefix + remark.text) for remark in raw.remarks]
     for name in config.required_signals:
-        if name not in channels:
-            raise _not_in_any(name, path, files, config)
+        if name in channels:
+            continue
+        kind = READERS[path.suffix.lower()].kind
+        signal = config.mapped_signals(kind).get(name)
+        wanted, near = f"the source of {name}", ""
+        if signal is not None:
+            wanted = f"{signal.sources[kind]!r}, which rovid.toml maps to {name}"
+            if columns := [column for file in files if kind == "csv" for column in column_names(file)]:
+                near = f" {suggestion(signal.sources[kind], columns)}"
+        text = f"neither this nor the files joined with it hold {wanted}.{near}"
+        raise LogError(text, where=path, mend="Correct the name, or parts in [join], in rovid.toml.")
     return RawLog(
         channels=channels,
         place=lambda name, index: owners[name].place(name, index),
@@ -131,17 +140,6 @@ def _read_joined(path: Path, files: list[Path], config: Config) -> RawLog:
         epoch=next(iter(read.values())).epoch if read else None,
         companion_files=tuple(file for file in read if file != path),
     )
-
-
-def _not_in_any(name: str, path: Path, files: list[Path], config: Config) -> LogError:
-    """Error for a signal that no file of the trial ``path`` holds, with columns similar to its source."""
-    kind = READERS[path.suffix.lower()].kind
-    signal = config.mapped_signals(kind).get(name)
-    wanted = f"the source of {name}" if signal is None else f"{signal.sources[kind]!r}, which rovid.toml maps to {name}"
-    columns = [column for file in files if kind == "csv" for column in column_names(file)]
-    near = f" {suggestion(signal.sources[kind], columns)}" if signal is not None and columns else ""
-    text = f"neither this nor the files joined with it hold {wanted}.{near}"
-    return LogError(text, where=path, mend="Correct the name, or parts in [join], in rovid.toml.")
 
 
 def all_channels(path: Path, config: Config) -> dict[Path, dict[str, Channel]]:
@@ -183,7 +181,16 @@ def _own_config(file: Path, config: Config, join: Join) -> Config:
 
 def _synchronised(file: Path, raw: RawLog, before: Mapping[Path, RawLog], config: Config) -> dict[str, Channel]:
     """Channels of ``file`` in the time of the first file, with the clock correction of [join]."""
-    shift = _shift(file, raw, before)
+    shift = 0.0  # Time zero of the file in the time of the first one, s.
+    if before:
+        first, log = next(iter(before.items()))
+        if (log.epoch is None) is not (raw.epoch is None):
+            absolute, relative = (file, first) if log.epoch is None else (first, file)
+            text = f"has no absolute time, and {absolute.name} has: their clocks cannot be synchronised."
+            mend = "Log ISO 8601 or epoch times in both, or seconds from the same moment."
+            raise LogError(text, where=relative, mend=mend)
+        if log.epoch is not None and raw.epoch is not None:
+            shift = raw.epoch - log.epoch
     offset, drift = cast("Join", config.join).clock_correction(relative_name(file, config))
     starts = [float(channel.time[np.isfinite(channel.time)].min(initial=np.inf)) for channel in raw.channels.values()]
     begin = min(starts, default=0.0)
@@ -192,21 +199,6 @@ def _synchronised(file: Path, raw: RawLog, before: Mapping[Path, RawLog], config
         since = channel.time - begin if np.isfinite(begin) else 0.0
         moved[id(channel.time)] = channel.time + (shift + offset + 1e-6 * drift * since)
     return {name: replace(channel, time=moved[id(channel.time)]) for name, channel in raw.channels.items()}
-
-
-def _shift(file: Path, raw: RawLog, before: Mapping[Path, RawLog]) -> float:
-    """Time zero of ``file`` in the time of the first file, s."""
-    if not before:
-        return 0.0
-    first, log = next(iter(before.items()))
-    if (log.epoch is None) is not (raw.epoch is None):
-        absolute, relative = (file, first) if log.epoch is None else (first, file)
-        text = f"has no absolute time, and {absolute.name} has: their clocks cannot be synchronised."
-        mend = "Log ISO 8601 or epoch times in both, or seconds from the same moment."
-        raise LogError(text, where=relative, mend=mend)
-    if log.epoch is None or raw.epoch is None:
-        return 0.0
-    return raw.epoch - log.epoch
 
 
 def _clock_remarks(files: list[Path], config: Config, join: Join) -> Iterator[Remark]:

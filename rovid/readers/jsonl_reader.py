@@ -34,12 +34,11 @@ def read(path: Path, config: Config) -> RawLog:
         raise wrong_format(path, "JSON, one object a line")
     clock = time.sources[KIND]
     get_time, in_ns = _clock(first[1], clock)
-    collectors = {
-        name: message_fields.FieldCollector(
-            signal, signal.sources[KIND], _steps(first[1], signal.sources[KIND]), mapping=True, where=str(path)
-        )
-        for name, signal in signals.items()
-    }
+    collectors = {}
+    for name, signal in signals.items():
+        source = signal.sources[KIND]
+        steps = _steps(first[1], source)
+        collectors[name] = message_fields.FieldCollector(signal, source, steps, mapping=True, where=str(path))
     stamps: list[Any] = []
     lines: list[int] = []
     topics: set[str] = set()
@@ -82,9 +81,9 @@ def sources(path: Path) -> LogContents:
         raise wrong_format(path, "JSON, one object a line")
     # A field may be absent at first, as a command of zero.
     every = [*sample, *_later_objects(path)]
-    names = dict.fromkeys(
-        name for one in every for name in (*message_fields.numeric_fields(one, "", stamps=True), *one)
-    )
+    names: dict[str, None] = {}
+    for one in every:
+        names |= dict.fromkeys([*message_fields.numeric_fields(one, "", stamps=True), *one])
     numbers = {}
     for name in names:
         get = message_fields.getter(_steps(sample[0], name), mapping=True)

@@ -12,7 +12,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError, suggestion
 from rovid.readers import raw_log
-from rovid.readers.timestamps import EPOCH_FROM, guess_clock, time_unit, to_seconds
+from rovid.readers.timestamps import EPOCH_FROM, SCALES, guess_clock, time_unit, to_seconds
 from rovid.trial.axis import CLOCK_WORDS, name_words
 from rovid.trial.config import Config
 
@@ -49,11 +49,9 @@ def read(path: Path, config: Config) -> raw_log.RawLog:
         values = columns[source]
         channels[name] = raw_log.Channel(source=source, clock=own, time=clocks[own], values=values)
     first = float(columns[clock][0]) if clock in columns else 0.0
-    units = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-    scale = units[time_unit(clock, abs(first), time.unit)]
-    return raw_log.RawLog(
-        channels=channels, place=lambda _, row: f"element {row + 1}", epoch=0.0 if first * scale > EPOCH_FROM else None
-    )
+    is_absolute = first * SCALES[time_unit(clock, abs(first), time.unit)] > EPOCH_FROM
+    epoch = 0.0 if is_absolute else None
+    return raw_log.RawLog(channels=channels, place=lambda _, row: f"element {row + 1}", epoch=epoch)
 
 
 def sources(path: Path) -> raw_log.LogContents:
@@ -61,9 +59,8 @@ def sources(path: Path) -> raw_log.LogContents:
     columns = _columns(path)
     clock = guess_clock(columns, [])
     unreadable = () if columns else (f"{path}: holds no vectors; save tables, timetables and objects as structures.",)
-    return raw_log.LogContents(
-        clock=clock, sources=tuple(name for name in columns if name != clock), unreadable=unreadable
-    )
+    found = tuple(name for name in columns if name != clock)
+    return raw_log.LogContents(clock=clock, sources=found, unreadable=unreadable)
 
 
 def _clock_of(path: Path, source: str, clock: str, columns: Mapping[str, FloatArray]) -> str:
@@ -86,12 +83,10 @@ def _clock_of(path: Path, source: str, clock: str, columns: Mapping[str, FloatAr
 
 def _columns(path: Path) -> dict[str, FloatArray]:
     """(n,) numbers of each vector, and of each column of a matrix, by name; matrices run along their longer side."""
-    return {
-        name: column
-        for variable, value in _variables(path).items()
-        for name, column in _flat(variable, value)
-        if len(column) >= _MIN_LENGTH
-    }
+    columns = {}
+    for variable, value in _variables(path).items():
+        columns |= {name: column for name, column in _flat(variable, value) if len(column) >= _MIN_LENGTH}
+    return columns
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, FloatArray]]:

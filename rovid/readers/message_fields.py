@@ -23,15 +23,8 @@ _NAME = re.compile(r"[^.\[\]]+")
 _QUATERNION = operator.attrgetter("x", "y", "z", "w")
 # Paths of the orientation in messages mapped as a whole: a quaternion itself, Imu, Odometry, PoseStamped,
 # TransformStamped, and common names of users.
-_ORIENTATIONS: tuple[tuple[str, ...], ...] = (
-    (),
-    ("orientation",),
-    ("pose", "pose", "orientation"),
-    ("pose", "orientation"),
-    ("transform", "rotation"),
-    ("rotation",),
-    ("quaternion",),
-)
+_ORIENTATIONS: tuple[tuple[str, ...], ...] = ((), ("orientation",), ("pose", "pose", "orientation"))
+_ORIENTATIONS += (("pose", "orientation"), ("transform", "rotation"), ("rotation",), ("quaternion",))
 _STAMPS = (("header", "stamp"), ("stamp",), ("timestamp",))
 _STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
 # Names of fields that are no sources of signals, or that hold an orientation.
@@ -112,17 +105,13 @@ def numeric_fields(message: Any, topic: str, *, stamps: bool = False) -> Iterato
         *parents, last = name.split(".")
         if _STAMP_NAMES & {*parents, last} and not stamps:
             continue
+        is_array = isinstance(value, list | tuple | array | np.ndarray) and 0 < len(value) <= _MAX_ELEMENTS
         if last in "xyzw" and parents and parents[-1] in _ORIENTATION_NAMES:
             yield f"{topic}{'.'.join(parents)}"
         elif _is_number(value):
             yield f"{topic}{name}"
-        elif "covariance" not in last and _is_short_array(value):
+        elif is_array and "covariance" not in last and all(map(_is_number, value)):
             yield from (f"{topic}{name}[{at}]" for at in range(len(value)))
-
-
-def _is_short_array(value: Any) -> bool:
-    is_array = isinstance(value, list | tuple | array | np.ndarray)
-    return is_array and 0 < len(value) <= _MAX_ELEMENTS and all(map(_is_number, value))
 
 
 def _is_number(value: Any) -> bool:
@@ -232,9 +221,7 @@ class FieldCollector:
     def column(self) -> FloatArray:
         """(n,) values as logged, in rad from a quaternion; NaN where missing."""
         values = np.frombuffer(self._values, dtype=np.float64) if self._values else np.empty(0)
-        if self.quaternion:
-            return euler(values.reshape(-1, 4), self.signal.name)
-        return values
+        return euler(values.reshape(-1, 4), self.signal.name) if self.quaternion else values
 
 
 def _quaternion_parts(value: Any) -> tuple[Any, ...]:

@@ -25,7 +25,6 @@ Handler = Callable[[bytes, int, int], None]  # payload, log time ns, publish tim
 _SEPARATOR = re.compile(r"^={3,}\s*$", re.MULTILINE)
 # Clocks in ns; any other is a field of each message.
 _CLOCKS = ("log", "publish", "header")
-
 # ns, in the year 2262; a single later stamp comes from damage and counts as this one, far from its neighbours.
 _LAST_NS = 2**63 - 1
 
@@ -131,9 +130,8 @@ class TopicCollector:
     def _no_stamp(self, message: Any) -> LogError:
         wanted = "header.stamp" if self.clock == "header" else repr(self.clock)
         mend = f'Set time = {{ {self.kind} = "log" }} in [signals] to use the time of recording.'
-        text = (
-            f"has no time {wanted}, which time in rovid.toml names; its fields: {message_fields.listed_fields(message)}"
-        )
+        fields = message_fields.listed_fields(message)
+        text = f"has no time {wanted}, which time in rovid.toml names; its fields: {fields}"
         return self._message_error(text, mend)
 
     def _message_error(self, problem: str, mend: str = "") -> LogError:
@@ -160,15 +158,12 @@ class TopicExtractor:
         ``mapping``: the messages are dictionaries (JSON), not objects.
         """
         if name not in self.topics:
-            where = str(self.path)
-            collectors = []
+            where, collectors = str(self.path), []
             for signal in self.signals.values():
                 source = signal.sources[self.kind]
-                fields = message_fields.split_path(source, name)
-                if fields is not None:
-                    collectors.append(
-                        message_fields.FieldCollector(signal, source, fields, mapping=mapping, where=where)
-                    )
+                if (fields := message_fields.split_path(source, name)) is not None:
+                    one = message_fields.FieldCollector(signal, source, fields, mapping=mapping, where=where)
+                    collectors.append(one)
             topic = TopicCollector(name, self.kind, self.clock, collectors, where)
             self.topics[name] = topic if collectors else None
         found = self.topics[name]
@@ -239,8 +234,14 @@ class TopicExtractor:
 
     def _times(self, topics: Mapping[str, TopicCollector]) -> tuple[dict[str, NDArray[np.float64]], int]:
         """(n,) s of each topic, from one common origin, and the origin as logged."""
-        logged = {name: _time_array(topic.times) for name, topic in topics.items()}
-        origin = 0
+        logged, origin = dict[str, NDArray[Any]](), 0
+        for name, topic in topics.items():
+            if isinstance(topic.times, array):
+                logged[name] = np.frombuffer(topic.times, dtype=np.int64)
+            elif all(isinstance(time, int) and abs(time) < _LAST_NS for time in topic.times):
+                logged[name] = np.array(topic.times, dtype=np.int64)
+            else:
+                logged[name] = np.array(list(map(message_fields.as_float, topic.times)))
         if any(times.dtype.kind == "f" for times in logged.values()):
             logged = {name: times.astype(np.float64) for name, times in logged.items()}
         else:
@@ -248,15 +249,6 @@ class TopicExtractor:
             origin = min(int(times[0]) for times in logged.values())
         units = {name: "ns" if topic.in_ns else self.time.unit for name, topic in topics.items()}
         return {name: to_seconds(times, self.clock, units[name], origin) for name, times in logged.items()}, origin
-
-
-def _time_array(times: array[int] | list[Any]) -> NDArray[Any]:
-    """int64 where all times are integers that fit, else float64."""
-    if isinstance(times, array):
-        return np.frombuffer(times, dtype=np.int64)
-    if all(isinstance(time, int) and abs(time) < 2**63 - 1 for time in times):
-        return np.array(times, dtype=np.int64)
-    return np.array(list(map(message_fields.as_float, times)))
 
 
 class TopicListing:

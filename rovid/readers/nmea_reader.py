@@ -84,9 +84,7 @@ def read(path: Path, config: Config) -> RawLog:
             raise ConfigError(text, where=config.path, mend=mend)
 
     def place(name: str, index: int) -> str:
-        if name not in own:
-            return log.place(name, index)
-        return f"sentence {index + 1} of {channels[name].clock}"
+        return f"sentence {index + 1} of {channels[name].clock}" if name in own else log.place(name, index)
 
     remarks = (*sentences.remarks, *log.remarks)
     return RawLog(channels=channels, place=place, remarks=remarks, sortable=log.sortable, companion_files=(companion,))
@@ -154,7 +152,9 @@ class _Text:
             also = ", ".join(f"{address} ({len(self.cells[address])})" for address in others)
             text = f"{name} was taken from {chosen} ({len(self.cells[chosen])} sentences); {also} was not used."
             self.remarks.append(Remark(kind="chosen", count=sum(len(self.cells[one]) for one in others), text=text))
-        values = np.array([_value(cells, _kind(chosen), at) for cells in self.cells[chosen]])
+        values = np.array([_number(cells[at]) for cells in self.cells[chosen]])
+        if _kind(chosen) in _WITH_STATUS:
+            values[[cells[at + 1] == b"V" for cells in self.cells[chosen]]] = np.nan
         return Channel(source=source, clock=chosen, time=self.clocks[chosen], values=values * factor)
 
     @property
@@ -163,8 +163,7 @@ class _Text:
         return ", ".join(f"{count} {address}" for address, count in self._seen.most_common(5))
 
     def _scan(self) -> None:
-        bad = 0
-        is_cut = False
+        bad, is_cut = 0, False
         clocks: dict[str, str] = {}  # Of several talkers, the first one sets the clock.
         counts = dict.fromkeys(_TIMING, 0)
         for line, has_end in _lines(self.path):
@@ -267,11 +266,6 @@ def _kind(address: str) -> str:
     return address if address in _MEASURING or address in _TIMING else address[2:]
 
 
-def _value(cells: list[bytes], kind: str, at: int) -> float:
-    """Number of a sentence, NaN where it is marked as invalid."""
-    return np.nan if kind in _WITH_STATUS and cells[at + 1] == b"V" else _number(cells[at])
-
-
 def _continuous(times: FloatArray) -> FloatArray:
     """(n,) s of times of day, which go on over midnight."""
     known = np.isfinite(times)
@@ -298,9 +292,8 @@ def _iso_time(text: str) -> float:
 
 def _clock_time(text: str) -> float:
     """Seconds since midnight of hh:mm:ss.ss."""
-    if (found := _CLOCK_TIME.match(text)) is None:
-        return np.nan
-    return 3600.0 * float(found[1]) + 60.0 * float(found[2]) + float(found[3].replace(",", "."))
+    found = _CLOCK_TIME.match(text)
+    return 3600.0 * float(found[1]) + 60.0 * float(found[2]) + float(found[3].replace(",", ".")) if found else np.nan
 
 
 def _time_of_day(cells: list[bytes]) -> float:
@@ -308,9 +301,7 @@ def _time_of_day(cells: list[bytes]) -> float:
     text = cells[1]
     hours, minutes, seconds = map(_number, (text[:2], text[2:4], text[4:]))
     time = 3600.0 * hours + 60.0 * minutes + seconds
-    if 0.0 <= time <= _DAY + 1.0:
-        return time
-    return np.nan
+    return time if 0.0 <= time <= _DAY + 1.0 else np.nan
 
 
 def _zda_time(cells: list[bytes]) -> float:

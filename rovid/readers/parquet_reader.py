@@ -107,10 +107,7 @@ def _check_columns(path: Path, footer: Any, sources: Mapping[str, str]) -> list[
 
 def _batches(path: Path, columns: list[str], texts: list[str]) -> Iterator[dict[str, Any]]:
     """Name -> values of ``columns``, in batches of rows; equal ``texts`` are decoded once."""
-    parquet, arrow = (
-        raw_log.require_library("pyarrow.parquet", EXTRA, path),
-        raw_log.require_library("pyarrow", EXTRA, path),
-    )
+    parquet, arrow = (raw_log.require_library(one, EXTRA, path) for one in ("pyarrow.parquet", "pyarrow"))
     with _reading(path), parquet.ParquetFile(path, read_dictionary=texts, buffer_size=_BUFFER) as file:
         for batch in file.iter_batches(_ROWS, columns=columns, use_threads=False):
             table = arrow.Table.from_batches([batch])
@@ -136,10 +133,7 @@ def _reading(path: Path) -> Iterator[None]:
 def sources(path: Path) -> raw_log.LogContents:
     """The column with a clock's name, if any, and every other column of numbers."""
     raw_log.require_mark(path, _MARK, _FORMAT)
-    parquet, types = (
-        raw_log.require_library("pyarrow.parquet", EXTRA, path),
-        raw_log.require_library("pyarrow.types", EXTRA, path),
-    )
+    parquet, types = (raw_log.require_library(one, EXTRA, path) for one in ("pyarrow.parquet", "pyarrow.types"))
     with _reading(path):
         schema = parquet.read_schema(path)
     counts = Counter(schema.names)
@@ -150,17 +144,14 @@ def sources(path: Path) -> raw_log.LogContents:
 
 
 def _damaged(path: Path, error: Exception) -> LogError:
+    text = f"is a Parquet file that is cut or damaged ({str(error)[:100]}).".replace("\n", " ")
     mend = "Write it again; its index is at its end, so a part of the file cannot be read."
-    return LogError(
-        f"is a Parquet file that is cut or damaged ({str(error)[:100]}).".replace("\n", " "), where=path, mend=mend
-    )
+    return LogError(text, where=path, mend=mend)
 
 
 def _times(path: Path, values: Any, name: str, before: int) -> pd.Series[Any]:
     """Time of each row; text is converted to dates. ``before``: number of rows before these."""
-    if hasattr(values, "dictionary"):
-        values = values.dictionary_decode()
-    column = _series(path, values)
+    column = _series(path, values.dictionary_decode() if hasattr(values, "dictionary") else values)
     if column.dtype == object:
         return to_datetimes(column, name, lambda row: f"{path}: row {before + row + 1}")
     return column
@@ -169,13 +160,12 @@ def _times(path: Path, values: Any, name: str, before: int) -> pd.Series[Any]:
 def _numbers(path: Path, values: Any, column: str, name: str, before: int) -> FloatArray:
     """(n,) numbers of a column. ``before``: number of rows before these."""
     if hasattr(values, "dictionary"):
-        numbers, wrong = to_numbers(_series(path, values.dictionary))
+        numbers, wrong = _to_numbers(_series(path, values.dictionary))
         # A missing cell gets the index after the last.
         codes = values.indices.fill_null(len(numbers)).to_numpy()
-        numbers = np.append(numbers, np.nan)[codes]
-        wrong = np.append(wrong, False)[codes]
+        numbers, wrong = np.append(numbers, np.nan)[codes], np.append(wrong, False)[codes]
     else:
-        numbers, wrong = to_numbers(_series(path, values))
+        numbers, wrong = _to_numbers(_series(path, values))
     if wrong.any():
         row = int(np.argmax(wrong))
         text = f"{column} ({name}) is {str(values[row].as_py())[:40]!r}; a number was expected."
@@ -192,7 +182,7 @@ def _series(path: Path, values: Any) -> pd.Series[Any]:
     return column
 
 
-def to_numbers(column: pd.Series[Any]) -> tuple[FloatArray, BoolArray]:
+def _to_numbers(column: pd.Series[Any]) -> tuple[FloatArray, BoolArray]:
     """(n,) numbers, NaN where missing; and (n,) whether a cell is no number."""
     if column.dtype.kind in "biuf":  # 64-bit integers with missing values among them.
         return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan)), np.zeros(len(column), dtype=np.bool_)
@@ -201,9 +191,6 @@ def to_numbers(column: pd.Series[Any]) -> tuple[FloatArray, BoolArray]:
     wrong = numbers.isna() & cells.notna() & (cells.astype(str).str.lower() != "nan")
     return numbers.to_numpy(dtype=np.float64, na_value=np.nan), wrong.to_numpy(dtype=np.bool_)
 
-
-# Format whose sources name the columns.
-_KIND = "csv"
 
 Table = pd.DataFrame | Mapping[str, ArrayLike]
 
@@ -226,11 +213,12 @@ def trials_of(table: Table, config: Config, run: str | None = None) -> list[Tria
 
 
 def _trial(frame: pd.DataFrame, config: Config, name: str) -> Trial:
-    signals = {"time": config.time, **config.mapped_signals(_KIND)}
+    # The sources of CSV name the columns.
+    signals = {"time": config.time, **config.mapped_signals("csv")}
     for signal in ("time", *config.required_signals):
-        if signal not in signals or _KIND not in signals[signal].sources:
+        if signal not in signals or "csv" not in signals[signal].sources:
             raise ConfigError("names no column.", where=f"[signals] {signal}", mend="Give its column.")
-    sources = {signal: mapped.sources[_KIND] for signal, mapped in signals.items()}
+    sources = {signal: mapped.sources["csv"] for signal, mapped in signals.items()}
     for signal, column in sources.items():
         _require_column(frame, column, signal)
     clock, unit = sources.pop("time"), config.time.unit
@@ -238,7 +226,7 @@ def _trial(frame: pd.DataFrame, config: Config, name: str) -> Trial:
     time = column_to_seconds(stamps, clock, unit, lambda row: f"{name}: row {row + 1}")
     channels = {}
     for signal, column in sources.items():
-        values, wrong = to_numbers(frame[column])
+        values, wrong = _to_numbers(frame[column])
         if wrong.any():
             row = int(np.argmax(wrong))
             text = f"{column} is {str(frame[column].iloc[row])[:40]!r}; a number was expected."

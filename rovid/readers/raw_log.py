@@ -266,12 +266,12 @@ def _field(path: Path, name: str, topic: str, columns: Columns, signal: str) -> 
 
 def numeric_sources(topics: Mapping[str, Columns]) -> list[str]:
     """Sources of all numbers in ``topics``, without clocks; a quaternion is one source."""
-    sources = []
+    sources: dict[str, None] = {}
     for topic, columns in topics.items():
         for name, values in columns.items():
             if values.dtype.kind in "iuf" and not name.lower().startswith("time"):
-                sources.append(f"{topic}.{'q' if name.startswith('q[') else name}")
-    return list(dict.fromkeys(sources))
+                sources[f"{topic}.{'q' if name.startswith('q[') else name}"] = None
+    return list(sources)
 
 
 def autopilot_parameters(columns: Columns, name: str, value: str) -> dict[str, float]:
@@ -291,9 +291,7 @@ def missing_topic(path: Path, kind: str, name: str, present: Mapping[str, Any]) 
 def split_instance(topic: str) -> tuple[str, int | None]:
     """Message name and sensor number of a topic such as ``IMU[1]``."""
     match = _INSTANCE.match(topic)
-    if match is None:
-        return topic, None
-    return match[1], int(match[2])
+    return (match[1], int(match[2])) if match else (topic, None)
 
 
 def select_instance(

@@ -20,7 +20,7 @@ from rovid.trial.trial import Remark
 if TYPE_CHECKING:  # pandas takes long to import.
     import pandas as pd
 
-_SCALE = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SCALES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Serial days of spreadsheets since 1899-12-30: days of the years 1954 to 2119, s in a day, steps of 0.2 ms to 9 s.
 _DAYS, _DAY, _DAY_STEP = (2e4, 8e4), 86400.0, (2.3e-9, 1e-4)
 # Unit at the end of a column's name: "time_ms", "t [us]", "stamp(ns)", "millis", "t_usec", "TimeUS".
@@ -60,7 +60,7 @@ def time_unit(name: str, magnitude: float, declared: str) -> str:
 
     Seconds since 1970 are near 1.7e9, so that factors of a thousand are unambiguous; times below 1e11 are seconds.
     """
-    if declared in _SCALE:
+    if declared in SCALES:
         return declared
     if named := _UNIT_AT_END.search(name):
         prefix = (named[1] or named[2]).lower()
@@ -84,19 +84,15 @@ def to_seconds(values: NDArray[Any], name: str, declared: str, origin: int | Non
     sample = np.abs(values[:: len(values) // 1000 + 1].astype(np.float64))
     sample = sample[sample < 1e30]  # Larger numbers are no times.
     magnitude = float(np.median(sample)) if sample.size else 0.0
-    scale = _SCALE[time_unit(name, magnitude, declared)]
+    scale = SCALES[time_unit(name, magnitude, declared)]
     if scale == 1.0 and declared != "s" and _DAYS[0] < magnitude < _DAYS[1] and values.dtype.kind == "f":
         step = subsampled_median((steps := np.abs(np.diff(values)))[steps > 0.0])
         if _DAY_STEP[0] < step < _DAY_STEP[1]:  # A float of such a day is exact to a microsecond.
             return np.asarray(np.round((values - np.nanmin(values)) * _DAY, 5), dtype=np.float64)
     relative: FloatArray = values
     if values.dtype.kind == "i":
-        if origin is None:
-            origin = values[0]
-        relative = (values - origin).astype(np.float64)
-    if scale == 1.0:
-        return relative
-    return relative * scale
+        relative = (values - (values[0] if origin is None else origin)).astype(np.float64)
+    return relative if scale == 1.0 else relative * scale
 
 
 def column_to_seconds(column: pd.Series[Any], name: str, declared: str, where: Callable[[int], str]) -> FloatArray:
@@ -160,7 +156,7 @@ def start_epoch(column: pd.Series[Any], time: FloatArray, name: str, declared: s
     if isinstance(first, str | pd.Timestamp):
         moment = to_datetimes(pd.Series([first]), name, str).iloc[0].timestamp()
     else:
-        moment = float(first) * _SCALE[time_unit(name, abs(float(first)), declared)]
+        moment = float(first) * SCALES[time_unit(name, abs(float(first)), declared)]
     return float(moment - time[known[0]]) if moment > EPOCH_FROM else None
 
 
@@ -263,8 +259,8 @@ def _refuse_backward(stamps: FloatArray, clock: str, place: Callable[[int], str]
         at = int(np.argmax(backward))
         text = (
             f"{clock} runs backwards at {place(at)}, from {stamps[at - 1]:.10g} s to {stamps[at]:.10g} s; {count} of "
-            f"{len(stamps)} samples are not later than those before them."
         )
+        text += f"{len(stamps)} samples are not later than those before them."
         mend = "Split the log where its clock was set back, or map another time."
         if np.all(np.diff(stamps) <= 0.0):
             mend = "The newest row comes first: turn the order of the rows around."
