@@ -59,7 +59,7 @@ class _Builder:
         self.measured_words = config.measured_signal.replace("_", " ")
         self.rate_only = config.measured_signal == self.axis.rate_signal
         self.remarks = list(raw.remarks)
-        self.faults: list[Fault] = list(raw.faults)
+        self.faults: list[Fault] = []
         self.cuts: list[float] = []  # s on the clocks of the log.
         self.unknown: list[tuple[float, float]] = []
         self.clock_steps: tuple[fault_base.ClockStep, ...] = ()
@@ -162,8 +162,8 @@ class _Builder:
         measured, commands = series[self.measured_signal], [series[one.name] for one in self.config.commands]
         stamps = tuple({id(one.time): one.known_time for one in commands if one.time is not measured.time}.values())
         if stamps and not self.cuts:
-            clocks = ClocksData(log=self.name, measured=measured.known_time, commands=stamps)
-            self.unknown += self.examined("clocks", clocks).unknown
+            data = ClocksData(log=self.name, measured=measured.known_time, commands=stamps)
+            self.unknown += self.examined("clocks", data).unknown
         if {"north", "east"} <= series.keys() and self.config.signals["north"].is_geodetic:
             series["north"], series["east"] = time_base.local_position(series["north"], series["east"])
         return series

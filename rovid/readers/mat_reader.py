@@ -83,7 +83,7 @@ def _clock_of(path: Path, source: str, clock: str, columns: Mapping[str, FloatAr
 
 def _columns(path: Path) -> dict[str, FloatArray]:
     """(n,) numbers of each vector, and of each column of a matrix, by name; matrices run along their longer side."""
-    columns = {}
+    columns: dict[str, FloatArray] = {}
     for variable, value in _variables(path).items():
         columns |= {name: column for name, column in _flat(variable, value) if len(column) >= _MIN_LENGTH}
     return columns

@@ -17,7 +17,6 @@ from rovid.core.errors import ConfigError, LogError, suggestion
 from rovid.readers.timestamps import to_seconds
 from rovid.trial.axis import Signal
 from rovid.trial.config import Config
-from rovid.trial.fault import Fault
 from rovid.trial.trial import Remark
 
 # Signals that a quaternion can provide.
@@ -45,7 +44,6 @@ class RawLog:
     channels: Mapping[str, Channel]  #: Signal name -> channel.
     place: Callable[[str, int], str]  #: (signal, index of a sample) -> "line 17" or "message 16", for messages.
     remarks: tuple[Remark, ...] = ()  #: Remarks on the file itself.
-    faults: tuple[Fault, ...] = ()  #: Faults that the file itself states.
     #: (s on the channels' clock, rad) of each reset of the heading that the file itself states.
     resets: tuple[tuple[float, float], ...] = ()
     sparse: bool = False  #: Fields of a command are absent from some messages, as JSON writers leave out zeros.

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.multi_step import MultiStepLikelihood
 from rovid.model.parameter_names import effect_ids
-from rovid.store.parameter_file import Entry, Parameters, Provenance, Source, sha256
+from rovid.store.parameter_file import Entry, Parameters, Provenance, sha256
 from rovid.trial.assumptions import ConfigFingerprint
 from rovid.trial.config import find_config, load_config
 
@@ -44,21 +45,12 @@ def check_freshness(stored: Parameters, provenance: Provenance | None) -> Freshn
     """Compare the inputs of ``stored`` with the current files, and with the ``provenance`` of a study if given."""
     if not stored.entries:
         return Freshness()
-    own = _current_settings(stored)
+    own = None  # Fingerprint of its rovid.toml now; None if the file is missing or invalid, which other checks report.
+    if stored.logs:
+        with suppress(RovidError):
+            own = load_config(find_config(stored.logs), stored.axis).fingerprint
     changes = [*_changed_settings(stored, own, provenance), *_changed_logs(stored, provenance)]
     return Freshness(changes=tuple(dict.fromkeys(changes)), remarks=tuple(_remarks(stored, own, provenance)))
-
-
-def _current_settings(stored: Parameters) -> ConfigFingerprint | None:
-    """Fingerprint of its rovid.toml now; None if the file is missing or invalid, which other checks report."""
-    if not stored.logs:
-        return None
-    try:
-        path = find_config(stored.logs)
-        config = load_config(path, stored.axis)
-        return config.fingerprint
-    except RovidError:
-        return None
 
 
 def _changed_settings(
@@ -83,40 +75,25 @@ def _changed_logs(stored: Parameters, provenance: Provenance | None) -> Iterator
         if provenance.logs == stored.logs:
             by_name = {source.name: source.sha256 for source in provenance.sources}
     for source in stored.sources:
-        path = _find(stored, source)
-        if path is not None:
-            digest = by_path.get(path) or sha256(path)
-        elif _is_gone(stored, source.path):
-            yield f"{source.name} is gone"
-            continue
-        else:
-            digest = by_name.get(source.name, source.sha256)
+        digest = by_name.get(source.name, source.sha256)
+        if (log := source.path) is not None:
+            # The stored path of the log, or its name in LOGS, which may have moved.
+            paths = (log, *(logs / source.name for logs in stored.logs))
+            path = next((path for path in paths if path.is_file()), None)
+            if path is not None:
+                digest = by_path.get(path) or sha256(path)
+            elif log.parent.exists() or any(logs.exists() and log.is_relative_to(logs) for logs in stored.logs):
+                yield f"{source.name} is gone"  # Its folder, or the LOGS that contained it, still exist.
+                continue
         if digest != source.sha256:
             yield f"{source.name} has changed"
-
-
-def _find(stored: Parameters, source: Source) -> Path | None:
-    """Path of a log: its stored path, or its name in LOGS, which may have moved; None if neither exists."""
-    if source.path is None:
-        return None
-    paths = (source.path, *(logs / source.name for logs in stored.logs))
-    return next((path for path in paths if path.is_file()), None)
-
-
-def _is_gone(stored: Parameters, log: Path | None) -> bool:
-    """Whether a ``log`` is missing although its folder, or the LOGS that contained it, still exist."""
-    if log is None:
-        return False
-    return log.parent.exists() or any(logs.exists() and log.is_relative_to(logs) for logs in stored.logs)
 
 
 def _remarks(stored: Parameters, own: ConfigFingerprint | None, provenance: Provenance | None) -> Iterator[str]:
     name = stored.path.name
     if stored.settings is None:
-        yield (
-            f"{name} was written by rovid 0.2 or earlier and does not name its inputs, so rovid cannot check whether "
-            "it is up to date. The next fit stores them."
-        )
+        text = f"{name} was written by rovid 0.2 or earlier and does not name its inputs, so rovid cannot check "
+        yield f"{text}whether it is up to date. The next fit stores them."
     elif stored.settings.signals and own is None:
         yield f"The logs and rovid.toml of {name} have moved, so rovid cannot check whether it is up to date."
     if provenance is not None and provenance.logs == stored.logs and stored.sources:
@@ -133,25 +110,29 @@ def method_disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> lis
 
     If both methods used the same logs, their errors are correlated and the test is conservative.
     """
-    distances = {
-        name: _distance(entries[name], estimate, name) for name in _BASE if _is_compared(entries, estimate, name)
-    }
+    distances = {}
+    for name in _BASE:
+        if name not in entries or name not in estimate.names or name in estimate.refused:
+            continue
+        entry = entries[name]
+        same_method = entry.method == estimate.method and entries.keys() >= set(estimate.names)
+        if not same_method and entry.unit == estimate.unit(name):
+            joint = math.hypot(entry.standard_error, estimate.standard_error(name))
+            is_known = 0.0 < joint < math.inf
+            distances[name] = abs(entry.value - estimate.value(name)) / joint if is_known else 0.0
     worst = max(distances, key=distances.__getitem__, default=None)
     if worst is None or distances[worst] <= _LIMIT:
         return []
     entry, value, unit = entries[worst], estimate.value(worst), estimate.unit(worst)
-    here = plus_minus(value, estimate.standard_error(worst))
-    stored = plus_minus(entry.value, entry.standard_error)
+    here, stored = plus_minus(value, estimate.standard_error(worst)), plus_minus(entry.value, entry.standard_error)
     own, other = effect_titles(estimate.names), effect_titles(entries)
     # If only one of the models has effects, they explain the difference.
     if own and not other:
         deviation = relative_deviation(entry.value, value)
         return [f"{worst} by {entry.method} is {stored} {unit}, {deviation}, because that method does not model {own}."]
     if other and not own:
-        deviation = relative_deviation(value, entry.value)
-        return [
-            f"{worst} by {estimate.method} is {here} {unit}, {deviation}, because this method does not model {other}."
-        ]
+        text = f"{worst} by {estimate.method} is {here} {unit}, {relative_deviation(value, entry.value)}, because this "
+        return [f"{text}method does not model {other}."]
     text = f"{worst} is {here} {unit} by this method and {stored} {unit} by {entry.method}: they differ by "
     text += f"{distances[worst]:.0f} joint standard errors. {_advice(entry, estimate)}"
     return [text]
@@ -169,21 +150,6 @@ def relative_deviation(value: float, reference: float) -> str:
     share = 100.0 * (value / reference - 1.0)
     size = f"{abs(share):.0f}" if abs(share) >= 10.0 else f"{abs(share):.2g}"
     return f"{size} % {'above' if share > 0.0 else 'below'} the model's"
-
-
-def _is_compared(entries: Mapping[str, Entry], estimate: Estimate, name: str) -> bool:
-    if name not in entries or name not in estimate.names or name in estimate.refused:
-        return False
-    same_method = entries[name].method == estimate.method and entries.keys() >= set(estimate.names)
-    return not same_method and entries[name].unit == estimate.unit(name)
-
-
-def _distance(entry: Entry, estimate: Estimate, name: str) -> float:
-    """Difference in joint standard errors."""
-    joint = math.hypot(entry.standard_error, estimate.standard_error(name))
-    if 0.0 < joint < math.inf:
-        return abs(entry.value - estimate.value(name)) / joint
-    return 0.0
 
 
 def _advice(entry: Entry, estimate: Estimate) -> str:

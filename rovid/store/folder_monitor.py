@@ -114,15 +114,6 @@ def read_watched_log(name: str, file_stamps: FileStamps, config: Config) -> Watc
     )
 
 
-def files_with(path: Path, config: Config, present: Collection[Path]) -> list[Path]:
-    """Files that are read as one log with ``path``, which comes first."""
-    if path.suffix.lower() == ".nmea":
-        others = [file for file in present if file.with_suffix("") == path.with_suffix("")]
-    else:
-        others = trial_files(path, config)
-    return [path, *(file for file in others if file != path)]
-
-
 def files_of(logs: Iterable[WatchedLog]) -> frozenset[Path]:
     """Files of all logs."""
     return frozenset().union(*(log.files for log in logs))
@@ -223,8 +214,8 @@ class FolderMonitor:
                 self._snapshot = snapshot
                 self._change = self._compare()
         except OSError as error:
-            missing = isinstance(error, FileNotFoundError)
-            fault = "is not there" if missing else f"cannot be read ({error.strerror or error})"
+            is_missing = isinstance(error, FileNotFoundError)
+            fault = "is not there" if is_missing else f"cannot be read ({error.strerror or error})"
             self.problems.report(self.path, f"{fault}; waiting for it.")
             self._snapshot = None
             return None
@@ -272,14 +263,12 @@ class FolderMonitor:
             if isinstance(error.__cause__, OSError):
                 self._snapshot = None
             if not self.logs:
-                self.problems.report(
-                    self.path, "holds no complete log yet; waiting." if unstable else f"{error} Waiting."
-                )
+                text = "holds no complete log yet; waiting." if unstable else f"{error} Waiting."
+                self.problems.report(self.path, text)
             return None
         self.problems.resolve(self.path, "is there again." if self.logs else "")
         logs, excluded = self._usable_logs(found, config, present)
-        for path in [path for path in self._read if path not in excluded and path not in logs]:
-            del self._read[path]
+        self._read = {path: log for path, log in self._read.items() if path in excluded or path in logs}
         return self._difference(logs, unstable.union(*excluded.values()) - files_of(logs.values()))
 
     def _load_config(self, *, lost: bool) -> Config | None:
@@ -307,7 +296,11 @@ class FolderMonitor:
         logs: dict[Path, WatchedLog] = {}
         excluded: dict[Path, list[Path]] = {}
         for name, path in found:
-            files = files_with(path, config, present)
+            # Files that are read as one log.
+            others = trial_files(path, config)
+            if path.suffix.lower() == ".nmea":
+                others = [file for file in present if file.with_suffix("") == path.with_suffix("")]
+            files = [path, *(file for file in others if file != path)]
             known = self.logs.get(path)
             if stability := min(map(self._stability, files)):
                 log = self._read_once(name, stamps_of(files), config)
@@ -352,8 +345,8 @@ class FolderMonitor:
                 new.remove(after)
                 renamed.append((before, after))
         later = new[1:] if self.logs and not self.once else []
+        del new[len(new) - len(later) :]
         for log in later:
-            new.remove(log)
             del logs[log.path]
         replaced = [log for path, log in logs.items() if path in self.logs and self.logs[path] is not log]
         settings_files = stamps_of(config_files([self.path]))

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from rovid import __version__
-from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
 from rovid.core.formatting import decoded
 from rovid.core.input_files import LARGEST, SMALLEST, expected_number, read_toml, require_regular
@@ -78,8 +77,9 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         sway, yaw, coupled = (values.get(name, math.nan) for name in ("sway.inertia", "yaw.inertia", _COUPLED))
         if coupled**2 >= sway * yaw:
             raise ValueError("the mass matrix of sway and yaw is not positive definite")
-    covariance = document["covariance"]
-    undetermined = []
+    covariance, undetermined, plugins = document["covariance"], [], {}
+    for name, written in document.get("plugins", {}).items():
+        plugins[str(name)] = Origin(plugin=str(written["plugin"]), version=str(written["version"]))
     for one in document.get("undetermined", []):
         combination = {str(name): _number(weight, str(name)) for name, weight in one["combination"].items()}
         undetermined.append(OpenCombination(combination=combination, text=str(one["text"])))
@@ -93,10 +93,7 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         sources=tuple(_source(written, path.parent) for written in document["sources"]),
         settings=_settings(document.get("rests_on")),
         assumed=assumed,
-        plugins={
-            str(name): Origin(plugin=str(written["plugin"]), version=str(written["version"]))
-            for name, written in document.get("plugins", {}).items()
-        },
+        plugins=plugins,
         undetermined=tuple(undetermined),
         missing=str(document.get("missing", "")),
     )
@@ -175,23 +172,20 @@ def _covariance(
         if math.isnan(entry.standard_error) and not math.isnan(variance.get(name, 0.0)):
             raise ValueError(f"standard_error of {name} is nan; a number was expected")
     known = [i for i, name in enumerate(names) if not math.isnan(entries[name].standard_error)]
-    _check_covariance(written.reshape(len(names), len(names))[np.ix_(known, known)])
-    pairs = combinations_with_replacement(enumerate(names), 2)
-    return {(first, second): float(written[i, j]) for (i, first), (j, second) in pairs}
-
-
-def _check_covariance(matrix: FloatArray) -> None:
-    if np.isnan(matrix).any():
+    finite = written.reshape(len(names), len(names))[np.ix_(known, known)]
+    if np.isnan(finite).any():
         raise ValueError("a covariance is nan; a number was expected")
-    errors = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    errors = np.sqrt(np.maximum(np.diag(finite), 0.0))
     largest = np.outer(errors, errors)
     # Correlations do not depend on the units.
-    correlation = np.divide(matrix, largest, out=np.zeros_like(matrix), where=largest > 0.0)
+    correlation = np.divide(finite, largest, out=np.zeros_like(finite), where=largest > 0.0)
     if not np.allclose(correlation, correlation.T, rtol=0.0, atol=_ROUNDING):
         raise ValueError("the covariance is not symmetric")
-    too_large = np.any(np.abs(matrix) > (1.0 + _ROUNDING) * largest)
+    too_large = np.any(np.abs(finite) > (1.0 + _ROUNDING) * largest)
     if too_large or np.linalg.eigvalsh(correlation).min(initial=0.0) < -_ROUNDING:
         raise ValueError("the covariance is not positive semidefinite")
+    pairs = combinations_with_replacement(enumerate(names), 2)
+    return {(first, second): float(written[i, j]) for (i, first), (j, second) in pairs}
 
 
 _HEAD = json.dumps({"schema": "rovid-history/1"}).encode()
@@ -267,13 +261,18 @@ def update_parameters(
 
     def changed() -> str:
         nonlocal written
-        written = change(_current(stored))
+        current = stored  # If the file was deleted or is to be replaced.
+        if stored.path.exists() and PARAMETERS.matches(stored.path):
+            current = replace(read_parameters(stored.path), path=stored.path)
+            if current.axis is not stored.axis:
+                raise ConfigError(f"now holds the parameters of {current.axis.name}.", where=stored.path)
+        written = change(current)
         return written.text()
 
     contents: dict[OutputFile, Content] = {stored.output: changed}
     if detection_limits is not None:
         # Evaluated after the parameter file.
-        contents[history_output(stored.path)] = lambda: appended_history(written, detection_limits)
+        contents[history_output(stored.path)] = lambda: _appended_history(written, detection_limits)
     try:
         outputs.write(contents)
     except ConfigError as error:
@@ -281,17 +280,7 @@ def update_parameters(
     return written
 
 
-def _current(stored: Parameters) -> Parameters:
-    """The current content of the file; ``stored`` if the file was deleted or is to be replaced."""
-    if not stored.path.exists() or not PARAMETERS.matches(stored.path):
-        return stored
-    current = read_parameters(stored.path)
-    if current.axis is not stored.axis:
-        raise ConfigError(f"now holds the parameters of {current.axis.name}.", where=stored.path)
-    return replace(current, path=stored.path)
-
-
-def appended_history(found: Parameters, detection_limits: Mapping[str, float]) -> bytes:
+def _appended_history(found: Parameters, detection_limits: Mapping[str, float]) -> bytes:
     """The history of ``found.path`` with one more line, unless the last line already holds the same model."""
     target = history_output(found.path).target
     limits = {name: size for name, size in detection_limits.items() if math.isfinite(size)}

@@ -134,9 +134,7 @@ class Parameters:
         if provenance is None:
             return updated
         others = entries.keys() - set(estimate.names)
-        sources = {
-            (source.name, source.path): source for source in (*(self.sources if others else ()), *provenance.sources)
-        }
+        sources = {(one.name, one.path): one for one in (*(self.sources if others else ()), *provenance.sources)}
         return replace(
             updated,
             vehicle=provenance.vehicle,
@@ -195,9 +193,7 @@ class Parameters:
     def model(self) -> Model:
         """The model. Raises ConfigError if a parameter of it is missing, or the drag is implausibly large."""
         quadratic_drag = self._needed("quadratic_drag", "Run `rovid fit-drag LOGS` first.")
-        inertia = 1.0
-        if not self.per_inertia:
-            inertia = self._needed("inertia", "Run `rovid fit-inertia` first.")
+        inertia = 1.0 if self.per_inertia else self._needed("inertia", "Run `rovid fit-inertia` first.")
         linear_drag = self.entries["linear_drag"].value if "linear_drag" in self.entries else 0.0
         effects = self.effect_forms()
         # The first three names are the inertia and the two drags; the others are restoring terms.
@@ -207,10 +203,8 @@ class Parameters:
             mend = f"Run `rovid fit --effect {effect.key}`, or delete the other entries of the effect."
             effect_values += [self._needed(f"{effect.key}.{parameter.name}", mend) for parameter in effect.parameters]
         if quadratic_drag + linear_drag > _FASTEST * inertia:
-            text = f"quadratic drag {quadratic_drag:.3g} and linear drag {linear_drag:.3g} stop a motion at "
-            text += (
-                f"1 {self.axis.rate_unit} with inertia {inertia:.3g} within {1.0 / _FASTEST} s, which is implausible."
-            )
+            text = f"quadratic drag {quadratic_drag:.3g} and linear drag {linear_drag:.3g} stop a motion at 1 "
+            text += f"{self.axis.rate_unit} with inertia {inertia:.3g} within {1.0 / _FASTEST} s, which is implausible."
             raise ConfigError(text, where=self.path, mend="Look for a wrong digit, or fit the parameters again.")
         return Model(
             inertia=inertia,
@@ -276,6 +270,10 @@ class Parameters:
         names += filter(_is_of_effect, self.entries)
         axis = {} if self.axis is YAW else {"axis": self.axis.name}
         plugins = {name: asdict(one) for name, one in self._plugins_in_use().items()}
+        sources = []
+        for one in self.sources:
+            place = {} if one.path is None else {"path": _relative(one.path, self.path.parent)}
+            sources.append({"name": one.name, "sha256": one.sha256, "samples": one.samples, **place})
         return {
             "schema": f"{SCHEMA}/{SCHEMA_VERSION}",
             "rovid_version": __version__,
@@ -290,17 +288,12 @@ class Parameters:
             "covariance": {"names": names, "matrix": self._matrix(names)},
             **({"plugins": plugins} if plugins else {}),
             **({} if self.settings is None else {"rests_on": asdict(self.settings)}),
-            "sources": [_written(source, self.path.parent) for source in self.sources],
+            "sources": sources,
         }
 
 
 def _is_of_effect(name: str) -> bool:
     return "." in name
-
-
-def _written(source: Source, folder: Path) -> dict[str, Any]:
-    place = {} if source.path is None else {"path": _relative(source.path, folder)}
-    return {"name": source.name, "sha256": source.sha256, "samples": source.samples, **place}
 
 
 def absolute_paths(paths: Sequence[Path]) -> tuple[Path, ...]:

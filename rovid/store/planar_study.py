@@ -275,15 +275,13 @@ def planar_model(stored: Parameters, rudders: Sequence[RudderModel] = ()) -> Pla
     empty = PlanarModel(base=np.ones(BASE_COUNT), effects=bound, rudders=tuple(_stored(one, values) for one in rudders))
     for name in empty.names:
         if name not in values:
-            mend = "Run `rovid fit --axes planar LOGS`."
-            raise ConfigError(f"holds no {name}.", where=stored.path, mend=mend)
+            raise ConfigError(f"holds no {name}.", where=stored.path, mend="Run `rovid fit --axes planar LOGS`.")
     return empty.with_values(np.array([values[name] for name in empty.names]))
 
 
 def _stored(rudder: RudderModel, values: Mapping[str, float]) -> RudderModel:
-    parts: dict[str, Any] = {
-        part: values[name] for part in RUDDER_UNITS if (name := f"rudder.{rudder.name}.{part}") in values
-    }
+    names = {part: f"rudder.{rudder.name}.{part}" for part in RUDDER_UNITS}
+    parts: dict[str, Any] = {part: values[name] for part, name in names.items() if name in values}
     return replace(rudder, **parts, stalls="stall" in parts)
 
 
@@ -296,10 +294,9 @@ def planar_effect(name: str) -> Effect:
     if not isinstance(effect.acts, Actuating):
         known = dict.fromkeys(form.id for form in PLANAR_FORMS)
         of_thrusters = dict.fromkeys(form.id for form in FORMS if isinstance(form.acts, Actuating))
+        mend = suggestion(name, [*known, *of_thrusters])
         if effect.id == "sideslip_moment":
             mend = "Leave it out: the base model has the Munk moment, and sway_yaw_damping has N_v."
-        else:
-            mend = suggestion(name, [*known, *of_thrusters])
         raise ConfigError("is not an effect of the coupled model.", where=name, mend=mend)
     return effect
 

@@ -75,11 +75,9 @@ class Study:
     @cached_property
     def _sources(self) -> tuple[Source, ...]:
         trials = () if self.campaign is None else self.campaign.trials
-        sources = list(map(trial_source, trials))
-        # Several trials may come from the same files.
-        companions = {
-            path: f"{path.name} of {trial.parent or trial.name}" for trial in trials for path in trial.companion_files
-        }
+        sources, companions = list(map(trial_source, trials)), dict[Path, str]()
+        for trial in trials:  # Several trials may come from the same files.
+            companions |= {path: f"{path.name} of {trial.parent or trial.name}" for path in trial.companion_files}
         sources += [read_source(name, path, 0) for path, name in companions.items()]
         tables = filter(None, dict.fromkeys((self.steady, self.sine)))
         return (*sources, *(read_source(table.name, table, len(read_table(table).rows)) for table in tables))
@@ -152,8 +150,7 @@ class Study:
         self.require_effects(effects)
         logged = shared_channels(self.runs.items)
         for effect in effects:
-            missing = " and ".join(name for name in effect.needs if name not in logged)
-            if missing:
+            if missing := " and ".join(name for name in effect.needs if name not in logged):
                 mend = f"Map {missing} in [signals] of rovid.toml, or leave the effect out."
                 raise ConfigError(f"needs {missing}, which not all of these logs hold.", where=effect.key, mend=mend)
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
@@ -279,10 +276,8 @@ def _refused(fault: Fault) -> LogError:
 
 def input_files(paths: Sequence[Path]) -> list[Path]:
     """Files that rovid may read for ``paths``: logs, tables, rovid.toml and its thrust curves, without planned runs."""
-    if not paths:
-        return []
     files = [path for path in candidate_files(paths) if path.is_file()]
-    return [*files, *config_files(paths)]
+    return [*files, *config_files(paths)] if paths else []
 
 
 def config_files(paths: Sequence[Path]) -> list[Path]:
@@ -338,13 +333,12 @@ def study_of(campaign: Campaign, config: Config, *, cutoff: float | None = None,
     items, faults = examine_runs(runs.items, vehicle, config.faults)
     doubtful = {log for fault in faults if fault.may_be_explained for log in fault.logs}
     aside = tuple(run for run in runs.items if log_name(run) in doubtful)
+    clocks_agree = "*" in config.faults.kept.get("clocks_apart", ())
     return Study(
         paths=campaign.sources,
         vehicle=vehicle,
         campaign=campaign,
-        runs=replace(
-            runs, items=items, set_aside=aside, clocks_agree="*" in config.faults.kept.get("clocks_apart", ())
-        ),
+        runs=replace(runs, items=items, set_aside=aside, clocks_agree=clocks_agree),
         faults=(*campaign.faults, *faults),
         overrides=config.faults,
         settings=config.fingerprint,

@@ -95,9 +95,7 @@ def _half_width(name: str, estimate: Estimate | None) -> float | None:
 def relative_half_width(estimate: Estimate, name: str) -> float | None:
     """Larger distance of the 95 % interval's ends from the value, relative to the value; None for a value of zero."""
     value = estimate.value(name)
-    if not value:
-        return None
-    return max(abs(end - value) for end in estimate.interval(name)) / abs(value)
+    return max(abs(end - value) for end in estimate.interval(name)) / abs(value) if value else None
 
 
 def _probability(name: str, diagnosis: Diagnosis | None) -> float | None:
@@ -253,7 +251,11 @@ class WatchSession:
         missing = ""
         try:
             study.require_sound()
-            self._fit = self._fit_model(study)
+            try:  # With the effects of the last diagnosis, if these logs hold their signals.
+                self._fit = study.likelihood(self._effects)
+            except ConfigError:
+                self._effects = ()
+                self._fit = study.likelihood()
         except RovidError as error:
             missing = str(error)
         new = tuple(log.name for log in (*change.added, *change.replaced))
@@ -267,14 +269,6 @@ class WatchSession:
         self.monitor.problems.report(self.monitor.path, str(error))
         self.monitor.revert()
         self.sleep(self.interval)
-
-    def _fit_model(self, study: Study) -> LikelihoodFit:
-        """Fit with the effects of the last diagnosis, if these logs hold their signals."""
-        try:
-            return study.likelihood(self._effects)
-        except ConfigError:
-            self._effects = ()
-            return study.likelihood()
 
     def _diagnose(self, study: Study) -> Iterator[Event]:
         """Diagnose the logs if required, keep the estimate, and plan the next run."""
@@ -295,10 +289,9 @@ class WatchSession:
         if estimate is not None:
             try:
                 self.actions.keep(study, estimate)
+                self.monitor.problems.resolve("parameters")
             except (RovidError, OSError) as error:
                 self.monitor.problems.report("parameters", str(error))
-            else:
-                self.monitor.problems.resolve("parameters")
         if not self._are_criteria_met() and not stopping(study.faults):
             self.report("Comparing candidate runs …")
             yield from self._next_run(study)
@@ -325,10 +318,9 @@ class WatchSession:
         written = None
         try:
             written = self.actions.write(plan)
+            problems.resolve("command file")
         except OutputError as error:
             problems.report("command file", str(error))
-        else:
-            problems.resolve("command file")
         reason = advice["reason"] if advice else "it narrows the interval of a parameter"
         if plan.parameter:
             reason = f"it narrows the interval of {plan.parameter}"

@@ -47,16 +47,12 @@ class Axis:
     @property
     def required_signals(self) -> str:
         """Keys of rovid.toml that hold the measured signal, for messages."""
-        if self.angular:
-            return self.position_signal
-        return f"{self.position_signal} or {self.rate_signal}"
+        return self.position_signal if self.angular else f"{self.position_signal} or {self.rate_signal}"
 
     @property
     def motion_verb(self) -> str:
         """Verb for a motion along the axis."""
-        if self.angular:
-            return "turns"
-        return "moves"
+        return "turns" if self.angular else "moves"
 
     @property
     def force_name(self) -> str:
@@ -84,9 +80,7 @@ class Axis:
 
     def to_display(self, position: float | None) -> float | None:
         """Convert a position from SI to the display unit."""
-        if position is None:
-            return None
-        return position * self.display_unit[1]
+        return None if position is None else position * self.display_unit[1]
 
     def measured_quantity(self, *, integrated: bool) -> tuple[str, str, float]:
         """Name of the measured quantity, its display unit, and the number of display units in one SI unit.
@@ -198,7 +192,7 @@ def _motion_units() -> dict[str, Mapping[str, float]]:
         position, rate = (ANGLE_UNITS, ANGULAR_RATE_UNITS) if axis.angular else (LENGTH_UNITS, SPEED_UNITS)
         positions |= dict.fromkeys(axis.position_signals, position)
         # The rate, and the order to a controller that keeps it.
-        rates[axis.rate_signal] = rates[f"{axis.rate_signal}_order"] = rate
+        rates |= dict.fromkeys((axis.rate_signal, f"{axis.rate_signal}_order"), rate)
     return positions | rates
 
 
@@ -207,8 +201,7 @@ SIGNAL_UNITS: Mapping[str, Mapping[str, float]] = {
     **_motion_units(),
     "torque": TORQUE_UNITS,
     "force": FORCE_UNITS,
-    "north": LENGTH_UNITS | GEODETIC_UNITS,
-    "east": LENGTH_UNITS | GEODETIC_UNITS,
+    **dict.fromkeys(("north", "east"), LENGTH_UNITS | GEODETIC_UNITS),
 }
 DEFAULT_UNIT = {name: next(iter(units)) for name, units in SIGNAL_UNITS.items()}
 DEFAULT_UNIT |= dict.fromkeys((name for name, units in SIGNAL_UNITS.items() if "rad/s" in units), "rad/s")
@@ -251,9 +244,7 @@ class Signal:
     def for_format(self, kind: str) -> Self:
         """The signal with a source for ``kind``, taken from the format that shares its sources."""
         other = SHARED_SOURCES.get(kind, kind)
-        if other not in self.sources:
-            return self
-        return replace(self, sources={kind: self.sources[other], **self.sources})
+        return replace(self, sources={kind: self.sources[other], **self.sources}) if other in self.sources else self
 
 
 def word_set(text: str) -> frozenset[str]:

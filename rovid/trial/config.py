@@ -129,7 +129,15 @@ def find_config(paths: Sequence[Path]) -> Path:
 
 def load_config(path: Path, axis: Axis = YAW) -> Config:
     """Read and check the rovid.toml at ``path``, for ``axis``; a `ConfigError` names the place in the file."""
-    return _Parser(path, axis).config(_settings(path))
+    document = read_toml(path)
+    if path.read_bytes().startswith(_UNMARKED_GUESSES):  # Unchanged guesses of `rovid init` before 0.3 are marked.
+        blocks = document.get("thrusters", [])
+        for block in filter(lambda one: isinstance(one, dict), blocks if isinstance(blocks, list) else ()):
+            if block.get(YAW.arm_key) in {1.0, -1.0}:
+                block.setdefault(YAW.arm_key + GUESSED, True)
+            if block.get("curve") == "thrust_guess.csv":
+                block.setdefault("curve" + GUESSED, True)
+    return _Parser(path, axis).config(document)
 
 
 def config_from(document: Mapping[str, Any], axis: Axis = YAW) -> Config:
@@ -151,20 +159,6 @@ def load_config_of_any_axis(path: Path) -> Config:
 def load_planar_config(path: Path) -> Config:
     """`load_config` for surge, sway and yaw together, with each actuator of any of them; needs heading or yaw rate."""
     return load_config(path, PLANAR)
-
-
-def _settings(path: Path) -> dict[str, Any]:
-    """The document at ``path``, in which unchanged guesses of `rovid init` before 0.3 are marked."""
-    document = read_toml(path)
-    if not path.read_bytes().startswith(_UNMARKED_GUESSES):
-        return document
-    blocks = document.get("thrusters", [])
-    for block in filter(lambda one: isinstance(one, dict), blocks if isinstance(blocks, list) else ()):
-        if block.get(YAW.arm_key) in {1.0, -1.0}:
-            block.setdefault(YAW.arm_key + GUESSED, True)
-        if block.get("curve") == "thrust_guess.csv":
-            block.setdefault("curve" + GUESSED, True)
-    return document
 
 
 def vehicle_without_thrusters(paths: Sequence[Path]) -> Vehicle:

@@ -5,6 +5,7 @@ Each error names the place inside the file.
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -272,16 +273,8 @@ class ConfigValues:
         if not size:
             raise self.error(f"{place} {key}", "is 0; another number was expected.")
         steering = Steering(speed=speed, size=size, wheels=wheels)
-        arm_guessed = key not in block or self.is_guessed(block, key, place)
-        return Thruster(
-            name=name,
-            arm=1.0,
-            curve=None,
-            scale_key=key,
-            steering=steering,
-            is_rate_order=wheels,
-            arm_guessed=arm_guessed,
-        )
+        one = Thruster(name=name, arm=1.0, curve=None, scale_key=key, steering=steering, is_rate_order=wheels)
+        return replace(one, arm_guessed=key not in block or self.is_guessed(block, key, place))
 
     def logged_drive(self, signals: Collection[str], *, alone: bool) -> Thruster | None:
         """The drive that one of ``signals`` is: a torque, a force, or the order to a rate controller.

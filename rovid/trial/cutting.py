@@ -67,21 +67,15 @@ def split(trial: Trial, exclusions: Sequence[Exclusion] = ()) -> list[Trial]:
     spans = [slice(*pair) for pair in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True) if part[pair[0]]]
     kept = measured_spans(trial, spans)
     trial = replace(trial, cuts=(), unknown=())
-    if len(kept) == 1:
-        return [replace(_part(trial, kept[0], trial.name, lost), remarks=tuple(remarks))]
     parts: list[Trial] = []
     for rows in kept:
-        span = trial.time[rows]
-        one = _part(trial, rows, f"{trial.name}, {span[0]:.1f} to {span[-1]:.1f} s", lost)
+        span, before = trial.time[rows], lost[lost < rows.start]
+        name = trial.name if len(kept) == 1 else f"{trial.name}, {span[0]:.1f} to {span[-1]:.1f} s"
+        # The commands since the last lost row are known.
+        one = trial.part(rows, name, int(before[-1]) + 1 if before.size else 0)
         # The first part carries the remarks and the faults.
         parts.append(replace(one, remarks=(), faults=()) if parts else replace(one, remarks=tuple(remarks)))
     return parts
-
-
-def _part(trial: Trial, rows: slice, name: str, lost: IntArray) -> Trial:
-    """The ``rows`` as a trial, after the commands since the last of the ``lost`` rows before."""
-    before = lost[lost < rows.start]
-    return trial.part(rows, name, int(before[-1]) + 1 if before.size else 0)
 
 
 def measured_spans(trial: Trial, spans: Iterable[slice]) -> list[slice]:
@@ -153,9 +147,9 @@ def _changes(time: FloatArray, commands: FloatArray) -> tuple[FloatArray, FloatA
 def with_rows(trial: Trial, instants: FloatArray, commands: FloatArray, at: IntArray) -> Trial:
     """``trial`` with rows at the (n,) ``instants`` in s, before its rows ``at``, with the (n, k) ``commands``."""
     unmeasured = dict.fromkeys(("position", "rate"), np.nan)
-    rows = {
-        name: np.insert(values, at, unmeasured.get(name, values[at]), axis=0) for name, values in trial.arrays().items()
-    }
+    rows = {}
+    for name, values in trial.arrays().items():
+        rows[name] = np.insert(values, at, unmeasured.get(name, values[at]), axis=0)
     rows["time"] = np.insert(trial.time, at, instants)
     rows["commands"] = np.insert(trial.commands, at, commands, axis=0)
     extras = {name: np.insert(values, at, values[at]) for name, values in trial.extras.items()}

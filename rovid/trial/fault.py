@@ -16,30 +16,11 @@ if TYPE_CHECKING:  # numpy takes long to import.
 
 # Ids of all faults, in the order in which they are listed; the files of `rovid.faults` have these names.
 FAULT_IDS = (
-    "wild_stamp",
-    "arrival_bursts",
-    "repeated_stamps",
-    "clock_step",
-    "lost_rows",
-    "two_sources",
-    "saturated_sensor",
-    "absent_zero",
-    "sentinel_command",
-    "stale_commands",
-    "heading_gaps",
-    "heading_step",
-    "position_step",
-    "several_releases",
-    "idle_ends",
-    "same_run_twice",
-    "unit_mismatch",
-    "clocks_apart",
-    "scaled_heading",
-    "no_response",
-    "foreign_log",
-    "thrust_unit",
-)
-
+    "wild_stamp", "arrival_bursts", "repeated_stamps", "clock_step", "lost_rows", "two_sources", "saturated_sensor",
+    "absent_zero", "sentinel_command", "stale_commands", "heading_gaps", "heading_step", "position_step",
+    "several_releases", "idle_ends", "same_run_twice", "unit_mismatch", "clocks_apart", "scaled_heading",
+    "no_response", "foreign_log", "thrust_unit",
+)  # fmt: skip
 # The only difference between two sentences on the same fault of two logs.
 _NUMBER = re.compile(r"[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
 

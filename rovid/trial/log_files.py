@@ -67,10 +67,11 @@ def is_log(path: Path) -> bool:
             lines = file.read(_HEAD).decode("latin-1").splitlines()
     except OSError:
         return False
-    rows = [re.split(r"[,;\t ]+", line.strip()) for line in lines]
-    return (
-        sum(len(row) > 1 and 2 * sum(map(bool, map(_NUMBER.fullmatch, row))) > len(row) for row in rows) >= _TABLE_ROWS
-    )
+    count = 0
+    for line in lines:
+        row = re.split(r"[,;\t ]+", line.strip())
+        count += len(row) > 1 and 2 * sum(map(bool, map(_NUMBER.fullmatch, row))) > len(row)
+    return count >= _TABLE_ROWS
 
 
 def other_suffixes(files: Iterable[Path]) -> str:

@@ -110,8 +110,8 @@ class PreparedRuns:
         """
         every = [run.rates for run in self.items]
         rows = [(rates.position_noise, rates.rate_noise, rates.acceleration_noise) for rates in every]
-        measured, rate, acceleration = np.median(rows, axis=0)
-        return float(measured), float(rate), float(acceleration)
+        measured, rate, acceleration = np.median(rows, axis=0).tolist()
+        return measured, rate, acceleration
 
 
 def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None) -> PreparedRuns:
@@ -146,8 +146,7 @@ def prepare_trials(
         except DataError as error:
             remarks.append(Remark(kind="left out", count=len(trial.time), text=str(error)))
             continue
-        filtered_torque = rates.filter_held(trial, torque)
-        runs.append(Run(trial=trial, torque=torque, rates=rates, filtered_torque=filtered_torque))
+        runs.append(Run(trial=trial, torque=torque, rates=rates, filtered_torque=rates.filter_held(trial, torque)))
     if not runs:
         raise DataError(remarks[0].text if remarks else "there is no trial.")
     remarks += _gyro_remarks(runs)
@@ -189,8 +188,8 @@ def _about_one_level(trials: Sequence[Trial]) -> tuple[list[Trial], list[Remark]
     found, remarks = [], []
     for trial, (level, largest) in zip(trials, levels, strict=True):
         if abs(level - usual) > _ANOTHER_LEVEL * largest:
-            text = (
-                f"{trial.name} swings about {math.degrees(level):.3g} deg, and the usual log about "
+            text = f"{trial.name} swings about {math.degrees(level):.3g} deg, and the usual log about "
+            text += (
                 f"{math.degrees(usual):.3g} deg: the difference, of ballast or of the sensor's zero, was subtracted."
             )
             remarks.append(Remark(kind="level", count=1, text=text))
@@ -207,7 +206,12 @@ def _gyro_remarks(runs: Sequence[Run]) -> list[Remark]:
     # A unit or a sign is the same in all runs, and a short run shows it poorly.
     gain = float(np.median([run.rates.gyro_gain for run in compared]))
     is_scaled = abs(gain - 1.0) > _GYRO_GAIN
-    off = [run for run in compared if is_scaled or _has_offset(run.rates)]
+    off = []
+    for run in compared:
+        known = run.rates.rate[np.isfinite(run.rates.rate)]
+        rms = float(np.linalg.norm(known)) / max(len(known), 1) ** 0.5
+        if is_scaled or abs(run.rates.gyro_offset) > _GYRO_OFFSET * rms:
+            off.append(run)
     if not off:
         return []
     axis, offset = off[0].trial.axis, float(np.median([run.rates.gyro_offset for run in off]))
@@ -219,12 +223,6 @@ def _gyro_remarks(runs: Sequence[Run]) -> list[Remark]:
         f"the {axis.position_words}'s derivative instead."
     )
     return [Remark(kind="gyro", count=len(off), text=text)]
-
-
-def _has_offset(rates: Rates) -> bool:
-    known = rates.rate[np.isfinite(rates.rate)]
-    rms = float(np.linalg.norm(known)) / max(len(known), 1) ** 0.5
-    return bool(abs(rates.gyro_offset) > _GYRO_OFFSET * rms)
 
 
 def shared_channels(runs: Sequence[Run]) -> set[str]:

@@ -54,8 +54,7 @@ class ZeroPhaseFilter:
         window = 1.0 + np.cos(np.pi * t / ((half + 1) * period))
         taps = np.sinc(2.0 * cutoff * t) * window
         taps /= taps.sum()
-        first = np.convolve(taps, _FIRST) / period
-        second = np.convolve(taps, _SECOND) / period**2
+        first, second = np.convolve(taps, _FIRST) / period, np.convolve(taps, _SECOND) / period**2
         return cls(period=period, cutoff=cutoff, value=np.pad(taps, len(_FIRST) // 2), first=first, second=second)
 
     @property
@@ -75,12 +74,6 @@ class ZeroPhaseFilter:
         """(n,) second derivative per second squared of the low-passed ``values``."""
         return _convolve(values, self.second)
 
-    def smooth_held(self, averages: FloatArray) -> FloatArray:
-        """(n,) low-passed signal, given its averages over each grid cell."""
-        # The three points undo the averaging to fourth order, 1/sinc(f h) = 1 + (pi f h)^2/6.
-        correction = np.array([-1.0, 26.0, -1.0]) / 24.0
-        return _convolve(averages, np.convolve(self.value, correction, mode="same"))
-
     def gain(self, frequency: FloatArray) -> FloatArray:
         """Gain of the low pass at each ``frequency`` in Hz."""
         instants = self.period * (np.arange(len(self.value)) - len(self.value) // 2)
@@ -89,8 +82,8 @@ class ZeroPhaseFilter:
 
     def noise(self, position_noise: float) -> tuple[float, float]:
         """Standard deviations of rate and acceleration that white ``position_noise`` causes."""
-        gain = np.linalg.norm([self.first, self.second], axis=1)
-        return float(position_noise * gain[0]), float(position_noise * gain[1])
+        rate, acceleration = (position_noise * np.linalg.norm([self.first, self.second], axis=1)).tolist()
+        return rate, acceleration
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,7 +115,10 @@ class Rates:
 
     def filter_held(self, trial: Trial, values: FloatArray) -> FloatArray:
         """(m,) a held signal of the trial, such as torque, through the same filter."""
-        return self.kernel.smooth_held(cell_averages(trial.time, values, self.time))
+        averages = cell_averages(trial.time, values, self.time)
+        # The three points undo the averaging to fourth order, 1/sinc(f h) = 1 + (pi f h)^2/6.
+        correction = np.array([-1.0, 26.0, -1.0]) / 24.0
+        return _convolve(averages, np.convolve(self.kernel.value, correction, mode="same"))
 
     def smooth_samples(self, trial: Trial, values: FloatArray) -> FloatArray:
         """(m,) a continuous signal given at the trial's instants, such as a simulated rate, through the same filter."""
@@ -239,8 +235,7 @@ def cell_averages(time: FloatArray, values: FloatArray, grid: FloatArray) -> Flo
     half = 0.5 * (grid[1] - grid[0])
     edges = np.concatenate((grid - half, grid[-1:] + half))
     inside = np.clip(edges, time[0], time[-1])
-    width = np.diff(inside)
-    area = np.diff(np.interp(inside, time, passed))
+    width, area = np.diff(inside), np.diff(np.interp(inside, time, passed))
     return np.asarray(area / np.where(width > 0, width, np.nan))
 
 
@@ -295,19 +290,13 @@ def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[Floa
             total += power_spectral_density(part, _SPECTRUM_LENGTH, period) * len(part)
             weight += len(part)
     if not weight:
-        raise _too_short(trials)
+        first = trials[0]
+        name = first.axis.rate_words if first.rate_only else first.axis.position_words
+        where = first.name if len(trials) == 1 else f"{first.name} and {len(trials) - 1} more"
+        text = f"no stretch of {name} is long enough to find its noise: {_MIN_SPECTRUM_SAMPLES + 2} readings without a "
+        text += "gap between them were expected."
+        raise DataError(text, where=where, mend="Record longer runs.")
     return frequency, total / weight
-
-
-def _too_short(trials: Sequence[Trial]) -> DataError:
-    first = trials[0]
-    name = first.axis.rate_words if first.rate_only else first.axis.position_words
-    where = first.name
-    if len(trials) > 1:
-        where += f" and {len(trials) - 1} more"
-    text = f"no stretch of {name} is long enough to find its noise: {_MIN_SPECTRUM_SAMPLES + 2} readings without a gap "
-    text += "between them were expected."
-    return DataError(text, where=where, mend="Record longer runs.")
 
 
 def power_spectral_density(part: FloatArray, length: int, period: float, *, about_mean: bool = False) -> FloatArray:

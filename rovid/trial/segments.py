@@ -142,12 +142,17 @@ def find_sines(trial: Trial, torque: FloatArray) -> list[SineRun]:
         return []
     periods = np.diff(crossings)
     amplitudes = np.array([np.ptp(torque[_rows(trial, a, b)]) / 2.0 for a, b in pairwise(crossings)])
-    runs = []
-    first = 0
+    runs, first = [], 0
     for last in range(1, len(periods) + 1):
         if last < len(periods) and _continues(periods, amplitudes, first, last):
             continue
-        start, stop, cycles = _extended(trial, torque, crossings[first], crossings[last], last - first)
+        start, stop, cycles = crossings[first], crossings[last], last - first
+        period = (stop - start) / cycles
+        # The first and the last wave begin or end at rest, and so have no rising crossing.
+        if _repeats(trial, torque, start, -period, period):
+            start, cycles = start - period, cycles + 1
+        if _repeats(trial, torque, stop - period, period, period):
+            stop, cycles = stop + period, cycles + 1
         run = _fit_sine(trial, torque, start, stop, cycles) if cycles >= MIN_CYCLES else None
         if run is not None:
             runs.append(run)
@@ -181,16 +186,6 @@ def _continues(periods: FloatArray, amplitudes: FloatArray, first: int, last: in
     same_period = abs(periods[last] - period) < _SAME_PERIOD * period
     same_amplitude = abs(amplitudes[last] - amplitude) < _SAME_AMPLITUDE * amplitude
     return bool(same_period and same_amplitude)
-
-
-def _extended(trial: Trial, torque: FloatArray, start: float, stop: float, cycles: int) -> tuple[float, float, int]:
-    """Add the first and the last wave, which begin or end at rest and so have no rising crossing."""
-    period = (stop - start) / cycles
-    if _repeats(trial, torque, start, -period, period):
-        start, cycles = start - period, cycles + 1
-    if _repeats(trial, torque, stop - period, period, period):
-        stop, cycles = stop + period, cycles + 1
-    return start, stop, cycles
 
 
 def _repeats(trial: Trial, torque: FloatArray, start: float, shift: float, period: float) -> bool:

@@ -50,8 +50,7 @@ class CsvTable:
         values = np.empty(len(self.rows))
         for k, cell in enumerate(self.text(column)):
             values[k] = float(cell) if _is_number(cell) else math.nan
-            may_be_empty = empty_allowed and not cell
-            if not may_be_empty and not abs(values[k]) <= LARGEST:
+            if not (empty_allowed and not cell) and not abs(values[k]) <= LARGEST:
                 text = f"{column} is {cell!r}, a number was expected."
                 raise LogError(text, where=f"{self.path}:{self.lines[k]}", mend="Correct the cell or delete the row.")
         return values
@@ -144,9 +143,7 @@ def column_names(path: Path) -> tuple[str, ...]:
     except OSError:
         return ()
     first = next(filter(_has_content, start.splitlines()), "")
-    if not first:
-        return ()
-    return tuple(cell.strip().strip('"') for cell in first.split(_separator(first)))
+    return tuple(cell.strip().strip('"') for cell in first.split(_separator(first))) if first else ()
 
 
 def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
@@ -194,10 +191,8 @@ def read_curve(path: Path) -> ThrustCurve:
     for name in CURVE_COLUMNS:
         if name not in table.header:
             text = f"has no column {name!r}. {suggest_columns(name, table.header, table.rows)}"
-            mend = (
-                f"`rovid fit-thruster {path.name}` converts a table in kgf, lbf or kN to a curve in N; name its output "
-            )
-            raise ConfigError(text, where=path, mend=f"{mend}as `curve` in rovid.toml.")
+            mend = f"`rovid fit-thruster {path.name}` converts a table in kgf, lbf or kN to a curve in N; name its "
+            raise ConfigError(text, where=path, mend=f"{mend}output as `curve` in rovid.toml.")
     return curve_of(*map(table.numbers, CURVE_COLUMNS), where=path)
 
 

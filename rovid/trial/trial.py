@@ -18,8 +18,6 @@ from rovid.trial.fault import Fault
 
 # Largest number of changes of commands that are remembered before a part of a log; bounds the time and the memory.
 _PAST_CHANGES = 4000
-
-
 # Path of a trial whose data come from memory.
 NO_FILE = Path()
 
@@ -245,9 +243,7 @@ class Trial:
     def _filled(self, values: FloatArray) -> FloatArray:
         """(n,) ``values`` with gaps interpolated linearly; zeros where no value is known."""
         finite = np.isfinite(values)
-        if not finite.any():
-            return np.zeros(len(values))
-        return np.interp(self.time, self.time[finite], values[finite])
+        return np.interp(self.time, self.time[finite], values[finite]) if finite.any() else np.zeros(len(values))
 
     @cached_property
     def sampling_interval(self) -> float:

@@ -74,10 +74,8 @@ class ThrustCurve:
         finite = command[np.isfinite(command)]
         if not finite.size:
             return 0.0
-        beyond = max(self.command[0] - finite.min(), finite.max() - self.command[-1])
-        if beyond > _ROUNDING * self.span:
-            return float(beyond)
-        return 0.0
+        beyond = float(max(self.command[0] - finite.min(), finite.max() - self.command[-1]))
+        return beyond if beyond > _ROUNDING * self.span else 0.0
 
 
 # m^2/s^2; least squared speed of a rudder: without flow, the torque would not contain the angle.
@@ -166,9 +164,7 @@ class Thruster:
     @property
     def full_thrust(self) -> float:
         """Largest thrust of the curve in N, or largest logged torque in N m."""
-        if self.curve is None:
-            return self.max_logged_torque
-        return float(np.max(np.abs(self.curve.thrust)))
+        return self.max_logged_torque if self.curve is None else float(np.max(np.abs(self.curve.thrust)))
 
     def scaled(self, factor: float) -> Self:
         """The thruster with ``factor`` times the thrust of its curve."""
@@ -182,9 +178,7 @@ class Thruster:
 
     def command_range(self) -> float:
         """Width of the tested commands; NaN for a logged torque."""
-        if self.curve is None:
-            return float("nan")
-        return self.curve.span
+        return float("nan") if self.curve is None else self.curve.span
 
 
 # Plausible total over rigid-body yaw inertia. Published vehicles: 1.1 to 2.5; a closed hull full of water: 4.
@@ -230,10 +224,8 @@ class Vehicle:
         """
         given = np.array([thruster.surge_share for thruster in self.thrusters])
         arms = np.array([thruster.arm for thruster in self.thrusters])
-        on_both_sides = self.axis is YAW and bool(np.any(arms > 0.0) and np.any(arms < 0.0))
-        if on_both_sides and not given.any():
-            return np.ones(len(given))
-        return given
+        on_both_sides = self.axis is YAW and np.any(arms > 0.0) and np.any(arms < 0.0)
+        return np.ones(len(given)) if on_both_sides and not given.any() else given
 
     @property
     def assumptions(self) -> Assumptions:
@@ -252,22 +244,18 @@ class Vehicle:
 
         Raises ConfigError if there is a rudder, whose torque depends on the speed.
         """
-        rudder = next((thruster.name for thruster in self.thrusters if thruster.steering is not None), "")
-        if rudder:
-            text = (
-                f"{rudder} is a rudder: its torque depends on the speed of the vehicle, which {purpose} does not know."
-            )
-            mend = "`rovid fit`, `rovid simulate` and `rovid diagnose` take rudders."
-            raise ConfigError(text, where="[[rudders]]", mend=mend)
+        for thruster in self.thrusters:
+            if thruster.steering is not None:
+                text = f"{thruster.name} is a rudder: its torque depends on the speed of the vehicle, which {purpose} "
+                mend = "`rovid fit`, `rovid simulate` and `rovid diagnose` take rudders."
+                raise ConfigError(f"{text}does not know.", where="[[rudders]]", mend=mend)
 
     def _inertia_of_box(self) -> float | None:
         if not self.axis.angular or self.mass is None:
             return self.mass
         sides = {"yaw": (self.length, self.width), "pitch": (self.length, self.height)}
         first, second = sides.get(self.axis.name, (self.width, self.height))
-        if first is None or second is None:
-            return None
-        return box_inertia(self.mass, first, second)
+        return None if first is None or second is None else box_inertia(self.mass, first, second)
 
     @property
     def reference_inertia(self) -> float | None:
