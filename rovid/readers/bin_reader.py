@@ -7,8 +7,7 @@ positions of the mapped messages; numpy then decodes them all at once.
 import re
 import struct
 from array import array
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
@@ -43,14 +42,16 @@ def read(path: Path, config: Config) -> raw_log.RawLog:
     """Mapped fields of ``path``; ``IMU[1].GyrZ`` is of the second sensor, ``IMU.GyrZ`` of the first."""
     signals = raw_log.required_signals(config, KIND, path)
     topics = [signal.sources[KIND].partition(".")[0] for signal in signals.values()]
-    with _opened(path, {raw_log.split_instance(topic)[0] for topic in topics}) as log:
+    with _mapped(path) as data:
+        log = DataFlashLog(path, data, {raw_log.split_instance(topic)[0] for topic in topics})
         clock = config.time.sources.get(KIND, "TimeUS")
         return raw_log.raw_log_of_topics(path, KIND, signals, log.columns, clock, log.remarks)
 
 
 def sources(path: Path) -> raw_log.LogContents:
     """Sources on motion, thrusters and supply."""
-    with _opened(path, {*_INTERESTING, _PARAMETERS}) as log:
+    with _mapped(path) as data:
+        log = DataFlashLog(path, data, {*_INTERESTING, _PARAMETERS})
         topics = {name: log.columns(name) for name in _INTERESTING if log.holds(name)}
         parameters = {}
         if log.holds(_PARAMETERS):
@@ -59,11 +60,10 @@ def sources(path: Path) -> raw_log.LogContents:
     return raw_log.LogContents(sources=tuple(found), parameters=parameters)
 
 
-@contextmanager
-def _opened(path: Path, wanted: set[str]) -> "Iterator[DataFlashLog]":
+def _mapped(path: Path) -> mmap:
     raw_log.require_mark(path, _MARK, _FORMAT)
-    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-        yield DataFlashLog(path, data, wanted)
+    with path.open("rb") as file:
+        return mmap(file.fileno(), 0, access=ACCESS_READ)
 
 
 class _MessageType:

@@ -142,17 +142,13 @@ def _first_files_of_trials(files: Sequence[_File], config: Config) -> list[_File
 
 def _is_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     """Whether a file is a log; a folder may hold tables and other files, too."""
-    if one.kind == "csv":
-        return _is_csv_log(one, config, remarks)
-    if one.asked or one.kind == "mcap" or config.maps_format(one.kind):
-        return True
-    remarks.append(left_out(one.name, f"rovid.toml maps nothing for {one.kind} logs"))
-    return False
-
-
-def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     from rovid.readers.csv_dialect import is_datum, plain_name
 
+    if one.kind != "csv":
+        is_mapped = one.asked or one.kind == "mcap" or config.maps_format(one.kind)
+        if not is_mapped:
+            remarks.append(left_out(one.name, f"rovid.toml maps nothing for {one.kind} logs"))
+        return is_mapped
     names = _column_names(one, config)
     if names is None:
         return True  # Reading reports the error.

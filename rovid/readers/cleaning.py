@@ -198,13 +198,19 @@ def _spikes_once(samples: _Samples) -> BoolArray | None:
     if bend.max() <= limit and bend.min() >= -limit:
         return None
     limit = max(limit, 2.5 * samples.flicker)
+    time, angle, wrap = samples.time, samples.angle, samples.kind.wrap
     bad = np.zeros(count, dtype=bool)
     starts = np.flatnonzero((bend > limit) | (bend < -limit)) + 2
     # Longest first: otherwise the good samples between two long spikes would pass for a spike.
     for length in range(_MAX_SPIKE_LENGTH, 0, -1):
         inside = starts[starts + length + 1 < count]
         for first in inside[_is_spike(samples, inside, length, limit)].tolist():
-            _mark_spike(bad, samples, first, length, limit)
+            before, after, spike = first - 1, first + length, slice(first, first + length)
+            if bad[before : after + 1].any():  # One is marked here already.
+                continue
+            # Samples on the bridge stay.
+            slope = wrap(angle[after] - angle[before]) / (time[after] - time[before])
+            bad[spike] = np.abs(wrap(angle[spike] - angle[before] - slope * (time[spike] - time[before]))) > limit
     _mark_ends(bad, samples)
     return bad
 
@@ -224,17 +230,6 @@ def _is_spike(samples: _Samples, first: IntArray, length: int, limit: float) -> 
     edge = np.minimum(deviation[0], deviation[-1])
     steep = (edge >= _EDGE_SHARE * deviation.max(axis=0)) | (edge > samples.kind.jump)
     return np.asarray((edge > limit + bent * span) & steep)
-
-
-def _mark_spike(bad: BoolArray, samples: _Samples, first: int, length: int, limit: float) -> None:
-    """Mark the spike, except samples on the bridge, unless one is marked here already."""
-    before, after = first - 1, first + length
-    if bad[before : after + 1].any():
-        return
-    time, angle, wrap = samples.time, samples.angle, samples.kind.wrap
-    slope = wrap(angle[after] - angle[before]) / (time[after] - time[before])
-    inside = slice(first, after)
-    bad[inside] = np.abs(wrap(angle[inside] - angle[before] - slope * (time[inside] - time[before]))) > limit
 
 
 def _mark_ends(bad: BoolArray, samples: _Samples) -> None:

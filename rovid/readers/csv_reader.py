@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -138,7 +138,7 @@ class _Table:
 
         Skipping spaces costs pandas 40 % more time. Empty cells and quotes need it, numbers do not.
         """
-        time_type, decimal = self._time_type(), self.decimal
+        time_type, decimal = self._time_type(), self.layout.decimal(self.columns.values())
         yield time_type, decimal, self.layout.spaced
         yield time_type, decimal, True
         if decimal == "." and self.layout.delimiter != ",":
@@ -146,11 +146,6 @@ class _Table:
         if time_type == "int64":
             yield "Int64", decimal, True
             yield "float64", decimal, True
-
-    @property
-    def decimal(self) -> str:
-        """Decimal sign of the columns."""
-        return self.layout.decimal(self.columns.values())
 
     def _time_type(self) -> str:
         at = self.columns["time"]
@@ -166,8 +161,11 @@ class _Table:
     def _parse(self, types: Mapping[int, str], decimal: str, *, skip_spaces: bool) -> pd.DataFrame:
         # pandas reads a path in bytes, which is faster than a text file.
         direct = self.layout.plain and not self.layout.wide and self.end == self.size and not self.has_stray_rows
-        indirect = self._rows_of_data if self.has_stray_rows else self._body
-        opened = nullcontext(str(self.layout.path)) if direct else indirect()
+        opened: AbstractContextManager[str | IO[str]] = nullcontext(str(self.layout.path)) if direct else self._body()
+        if self.has_stray_rows:
+            opened, rows = (text := io.StringIO()), (row for _, row in self._rows())
+            csv.writer(text, delimiter=self.layout.delimiter, lineterminator="\n").writerows(rows)
+            text.seek(0)
         with np.errstate(all="ignore"), opened as source:
             frame = pd.read_csv(
                 source,
@@ -199,14 +197,6 @@ class _Table:
         with self.layout.path.open("rb") as file:
             rows = raw_log.FilePart(file, self.layout.offset, self.end - self.layout.offset)
             yield io.TextIOWrapper(io.BufferedReader(rows, 1 << 18), encoding="utf-8", errors="replace", newline="")
-
-    @contextmanager
-    def _rows_of_data(self) -> Iterator[IO[str]]:
-        """The body without stray rows."""
-        text = io.StringIO()
-        csv.writer(text, delimiter=self.layout.delimiter, lineterminator="\n").writerows(row for _, row in self._rows())
-        text.seek(0)
-        yield text
 
     def stray_rows(self) -> list[tuple[int, list[str]]]:
         """Line number and cells of each row without data; empty if there are so many that the table is none."""
@@ -262,7 +252,7 @@ class _Table:
         numeric = {at: name for name, at in self.columns.items()}
         if self._time_type() == "str":
             numeric = {at: name for name, at in self.columns.items() if name != "time"}
-        decimal = self.decimal
+        decimal = self.layout.decimal(self.columns.values())
         filled: set[str] = set()
         for number, cells in self._rows():
             for at, name in numeric.items():

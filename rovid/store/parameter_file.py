@@ -268,28 +268,28 @@ class Parameters:
         """The content as a TOML document."""
         names = [name for name in base_names(self.axis) if name in self.entries]
         names += filter(_is_of_effect, self.entries)
-        axis = {} if self.axis is YAW else {"axis": self.axis.name}
-        plugins = {name: asdict(one) for name, one in self._plugins_in_use().items()}
         sources = []
         for one in self.sources:
             place = {} if one.path is None else {"path": _relative(one.path, self.path.parent)}
             sources.append({"name": one.name, "sha256": one.sha256, "samples": one.samples, **place})
-        return {
+        document = {
             "schema": f"{SCHEMA}/{SCHEMA_VERSION}",
             "rovid_version": __version__,
             "written": datetime.now(UTC).replace(microsecond=0),
             "vehicle": self.vehicle,
-            **axis,
+            "axis": "" if self.axis is YAW else self.axis.name,
             "logs": [_relative(path, self.path.parent) for path in self.logs],
-            **({"missing": self.missing} if self.missing else {}),
+            "missing": self.missing,
             "parameters": {name: self._written(self.entries[name]) for name in names},
-            **({"assumed": dict(self.assumed)} if self.assumed else {}),
-            **({"undetermined": list(map(asdict, self.undetermined))} if self.undetermined else {}),
+            "assumed": dict(self.assumed),
+            "undetermined": list(map(asdict, self.undetermined)),
             "covariance": {"names": names, "matrix": self._matrix(names)},
-            **({"plugins": plugins} if plugins else {}),
-            **({} if self.settings is None else {"rests_on": asdict(self.settings)}),
+            "plugins": {name: asdict(one) for name, one in self._plugins_in_use().items()},
+            "rests_on": self.settings and asdict(self.settings),
             "sources": sources,
         }
+        optional = {"axis", "missing", "assumed", "undetermined", "plugins", "rests_on"}
+        return {key: value for key, value in document.items() if value or key not in optional}
 
 
 def _is_of_effect(name: str) -> bool:

@@ -54,33 +54,29 @@ class CriterionStatus:
 
 def parse_criteria(text: str, axis: Axis, *, diagnosed: bool = True) -> tuple[StopCriterion, ...]:
     """Criteria in ``text``, as "inertia 2 %"; causes only if ``diagnosed``. Raises ConfigError if one is wrong."""
-    found = []
+    found, known = [], {*base_names(axis), *(effect.id for effect in every_form())}
     for part in text.split(","):
         match = _CRITERION.fullmatch(part)
         if match is None:
             text = f"is {part.strip()!r}; a name and a percentage were expected."
             raise ConfigError(text, where=_OPTION, mend='As in --until "inertia 2 %, quadratic_drag 5 %".')
-        found.append(_criterion(match[1], float(match[2]) / 100.0, axis, diagnosed=diagnosed))
+        name, share = re.sub(r"[ -]+", "_", match[1]), float(match[2]) / 100.0
+        key, _, parameter = name.rpartition(".")
+        if key:
+            names = [one.name for one in effect_named(key).parameters]
+            if parameter not in names:
+                text = f"{parameter!r} is no parameter of {key}. {suggestion(parameter, names)}"
+                raise ConfigError(text, where=_OPTION)
+        elif name not in known:
+            text = f"{name!r} is no parameter and no effect. {suggestion(name, sorted(known))}"
+            raise ConfigError(text, where=_OPTION)
+        is_effect = not key and name not in base_names(axis)
+        if is_effect and not diagnosed:
+            raise ConfigError(f"needs a diagnosis to find {name}.", where=_OPTION, mend="Leave --no-diagnosis out.")
+        if share <= 0.0 or (is_effect and share >= 1.0):
+            raise ConfigError(f"{name} {100.0 * share:g} % cannot be reached.", where=_OPTION)
+        found.append(StopCriterion(name=name, share=share, is_effect=is_effect))
     return tuple(dict.fromkeys(found))
-
-
-def _criterion(words: str, share: float, axis: Axis, *, diagnosed: bool) -> StopCriterion:
-    name = re.sub(r"[ -]+", "_", words)
-    known = {*base_names(axis), *(effect.id for effect in every_form())}
-    key, _, parameter = name.rpartition(".")
-    if key:
-        names = [one.name for one in effect_named(key).parameters]
-        if parameter not in names:
-            raise ConfigError(f"{parameter!r} is no parameter of {key}. {suggestion(parameter, names)}", where=_OPTION)
-    elif name not in known:
-        text = f"{name!r} is no parameter and no effect. {suggestion(name, sorted(known))}"
-        raise ConfigError(text, where=_OPTION)
-    is_effect = not key and name not in base_names(axis)
-    if is_effect and not diagnosed:
-        raise ConfigError(f"needs a diagnosis to find {name}.", where=_OPTION, mend="Leave --no-diagnosis out.")
-    if share <= 0.0 or (is_effect and share >= 1.0):
-        raise ConfigError(f"{name} {100.0 * share:g} % cannot be reached.", where=_OPTION)
-    return StopCriterion(name=name, share=share, is_effect=is_effect)
 
 
 def _half_width(name: str, estimate: Estimate | None) -> float | None:

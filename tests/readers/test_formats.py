@@ -417,14 +417,15 @@ def test_init_sees_that_files_belong_together(split: str, tmp_path: Path, rovid:
     assert not checked.document["unreadable"]
 
 
-@pytest.mark.parametrize("what", ["hold_03/thr.csv", "rovid.toml"])
-def test_a_fit_rests_on_every_file_of_a_trial_and_on_how_they_are_joined(
-    what: str, tmp_path: Path, rovid: Rovid
-) -> None:
+def test_a_fit_rests_on_every_file_of_a_trial_and_on_how_they_are_joined(tmp_path: Path, rovid: Rovid) -> None:
     folder = day(tmp_path / "day", split="{run}/{part}.csv")
     assert rovid("fit", "day").code == 0
     assert rovid("simulate").code == 0
-    text = (folder / what).read_text(encoding="utf-8")
-    text = text.replace('["ins", "thr"]', '["ins", "thr", "gps"]') if what == "rovid.toml" else f"{text}900.0,0.0,0.0\n"
-    (folder / what).write_text(text, encoding="utf-8")
+    config, log = folder / "rovid.toml", folder / "hold_03" / "thr.csv"
+    text = config.read_text(encoding="utf-8")
+    config.write_text(text.replace('["ins", "thr"]', '["ins", "thr", "gps"]'), encoding="utf-8")
+    assert "is out of date" in rovid("simulate").err
+    config.write_text(text, encoding="utf-8")
+    assert rovid("simulate").code == 0
+    log.write_text(f"{log.read_text(encoding='utf-8')}900.0,0.0,0.0\n", encoding="utf-8")
     assert "is out of date" in rovid("simulate").err

@@ -271,15 +271,11 @@ def test_a_tail_of_nul_bytes(tmp_path: Path) -> None:
     assert kinds(trial) == {"truncated": 10_000}
 
 
-ALL_CUTS = [
-    (chunked, compression, encoding)
-    for chunked in (True, False)
-    for compression in (COMPRESSIONS if chunked else ("none",))
-    for encoding in (ENCODERS if compression == "none" else ("json",))
-]
+# Each compression, each encoding, and no chunks: the container is cut before the messages are decoded.
+CUTS = [(True, "none", "json"), (True, "lz4", "ros2"), (True, "zstd", "protobuf"), (False, "none", "json")]
 
 
-@pytest.mark.parametrize(("chunked", "compression", "encoding"), ALL_CUTS)
+@pytest.mark.parametrize(("chunked", "compression", "encoding"), CUTS)
 def test_cut_at_every_percent(chunked: bool, compression: str, encoding: str, tmp_path: Path) -> None:
     """What is left is a prefix of the whole, and the loss is said in bytes."""
     config = campaign(tmp_path)
