@@ -111,28 +111,23 @@ class TopicCollector:
         """Time inside a message: ns of its own stamp, or the chosen field."""
         if self._get_stamp is None:
             if self.clock == "header":
-                self._get_stamp = message_fields.stamp_getter(message, mapping=mapping)
+                self._get_stamp = message_fields.stamp_getter(message, mapping=mapping) or (lambda _: None)
             else:
                 fields = message_fields.split_fields(self.clock)
-                self._get_stamp = message_fields.stamp_getter(message, mapping=mapping, clock=fields)
-                self.in_ns = self._get_stamp is not None
-                self._get_stamp = self._get_stamp or message_fields.getter(fields, mapping=mapping)
-        if self._get_stamp is None:
-            raise self._no_stamp(message)
+                stamp = message_fields.stamp_getter(message, mapping=mapping, clock=fields)
+                self.in_ns = stamp is not None
+                self._get_stamp = stamp or message_fields.getter(fields, mapping=mapping)
         try:
             time = self._get_stamp(message)
-        except (*message_fields.ABSENT, ValueError, OverflowError) as error:
-            raise self._no_stamp(message) from error
-        if isinstance(time, bool) or not isinstance(time, int | float):
-            raise self._no_stamp(message)
-        return time
-
-    def _no_stamp(self, message: Any) -> LogError:
+        except (*message_fields.ABSENT, ValueError, OverflowError):
+            time = None
+        if isinstance(time, int | float) and not isinstance(time, bool):
+            return time
         wanted = "header.stamp" if self.clock == "header" else repr(self.clock)
         mend = f'Set time = {{ {self.kind} = "log" }} in [signals] to use the time of recording.'
-        fields = message_fields.listed_fields(message)
-        text = f"has no time {wanted}, which time in rovid.toml names; its fields: {fields}"
-        return self._message_error(text, mend)
+        listed = message_fields.listed_fields(message)
+        text = f"has no time {wanted}, which time in rovid.toml names; its fields: {listed}"
+        raise self._message_error(text, mend)
 
     def _message_error(self, problem: str, mend: str = "") -> LogError:
         text = f"message {len(self.times) + 1} of topic {self.name!r} {problem}."

@@ -192,7 +192,16 @@ def make_monotonic(
         rows = np.arange(len(time))
         if sortable and -_MAX_DISORDER <= steps.min() < 0.0:
             rows = _sorted_rows(time, rows, clock, remarks)
-        _refuse_backward(time[rows], clock, place, where)
+        stamps = time[rows]
+        backward = stamps < np.maximum.accumulate(stamps)
+        if count := int(np.count_nonzero(backward)):
+            row = int(np.argmax(backward))
+            text = f"{clock} runs backwards at {place(row)}, from {stamps[row - 1]:.10g} s to {stamps[row]:.10g} s; "
+            text += f"{count} of {len(stamps)} samples are not later than those before them."
+            mend = "Split the log where its clock was set back, or map another time."
+            if np.all(np.diff(stamps) <= 0.0):
+                mend = "The newest row comes first: turn the order of the rows around."
+            raise LogError(text, where=where, mend=mend)
         time, values = _merge_duplicates(rows, time, values, clock, where, remarks)
         steps = np.diff(time)
     if (at := find_leap(time)) is not None:
@@ -251,20 +260,6 @@ def _are_shuffled(time: FloatArray) -> bool:
     disorder = float(np.max(np.maximum.accumulate(time) - time))
     are_blocks = _MIN_BLOCK * moved.sum() < len(time) and steps[moved].max() < 1.5 * interval
     return bool(steps.min() > 0.5 * interval and (disorder < _MAX_PLACES * interval or are_blocks))
-
-
-def _refuse_backward(stamps: FloatArray, clock: str, place: Callable[[int], str], where: str) -> None:
-    backward = stamps < np.maximum.accumulate(stamps)
-    if count := int(np.count_nonzero(backward)):
-        at = int(np.argmax(backward))
-        text = (
-            f"{clock} runs backwards at {place(at)}, from {stamps[at - 1]:.10g} s to {stamps[at]:.10g} s; {count} of "
-        )
-        text += f"{len(stamps)} samples are not later than those before them."
-        mend = "Split the log where its clock was set back, or map another time."
-        if np.all(np.diff(stamps) <= 0.0):
-            mend = "The newest row comes first: turn the order of the rows around."
-        raise LogError(text, where=where, mend=mend)
 
 
 def _merge_duplicates(

@@ -74,8 +74,9 @@ class Config:
     @property
     def fingerprint(self) -> ConfigFingerprint:
         """Settings that results depend on."""
-        further = {name: str(signal) for name, signal in self.signals.items() if name not in SIGNAL_UNITS}
-        signals = {name: str(signal) for name, signal in self.signals.items() if name in SIGNAL_UNITS}
+        signals, further = dict[str, str](), dict[str, str]()
+        for name, signal in self.signals.items():
+            (signals if name in SIGNAL_UNITS else further)[name] = str(signal)
         commands = {signal.name.replace(".", " of ", 1): str(signal) for signal in self.commands}
         if self.join is not None:
             signals["joined files"] = str(self.join)

@@ -70,7 +70,18 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> CsvTable:
     if the file cannot be read or holds no rows.
     """
     require_regular(path, LogError)
-    numbered = [(number, line) for number, line in enumerate(_content(path).splitlines(), 1) if _has_content(line)]
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_SIZE + 1)
+    except OSError as error:
+        raise LogError(f"cannot be read ({error.strerror}).", where=path) from error
+    if len(content) > _MAX_SIZE:
+        raise LogError(f"is larger than {_MAX_SIZE / 1e6:g} MB; a table of results was expected.", where=path)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:  # Vendors' sheets have a micro sign in cp1252.
+        text = content.decode("cp1252", errors="replace")
+    numbered = [(number, line) for number, line in enumerate(text.splitlines(), 1) if _has_content(line)]
     if not numbered:
         raise LogError("is empty.", where=path)
     lines = [number for number, _ in numbered]
@@ -89,21 +100,6 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> CsvTable:
     if len(rows) < 2:
         raise LogError("holds a header and no rows.", where=path)
     return CsvTable(path=path, header=rows[0], rows=tuple(rows[1:]), lines=tuple(lines[1:]))
-
-
-def _content(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_SIZE + 1)
-    except OSError as error:
-        raise LogError(f"cannot be read ({error.strerror}).", where=path) from error
-    if len(content) > _MAX_SIZE:
-        raise LogError(f"is larger than {_MAX_SIZE / 1e6:g} MB; a table of results was expected.", where=path)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        # Vendors' sheets have a micro sign in cp1252.
-        return content.decode("cp1252", errors="replace")
 
 
 def _has_content(line: str) -> bool:
