@@ -162,10 +162,8 @@ def _decoder(path: Path, one: _BagConnection) -> Decoder:
     try:
         return ros_decoder(one.kind, one.definition, one.encoding)
     except (KeyError, ValueError) as error:
-        text = (
-            f"the type {one.kind} of topic {one.topic!r}, encoded as {one.encoding!r}, is not defined in the bag, and "
-        )
-        text += f"it is none of ROS 2's own. {suggestion(one.kind, get_typestore(Stores.LATEST).fielddefs)}"
+        text = f"the type {one.kind} of topic {one.topic!r}, encoded as {one.encoding!r}, is not defined in the bag, "
+        text += f"and it is none of ROS 2's own. {suggestion(one.kind, get_typestore(Stores.LATEST).fielddefs)}"
         mend = "Convert the bag to MCAP where the type is known, or map another topic."
         raise LogError(text, where=path, mend=mend) from error
     except Exception as error:

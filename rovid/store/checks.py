@@ -158,8 +158,6 @@ def _advice(entry: Entry, estimate: Estimate) -> str:
         return "Use the result of the model with the causes that were found."
     if this or other:
         result = "this result" if this else "the other result"
-        return (
-            f"Use {result}: it is a joint fit of all logs with a disturbance. The difference may mean that a cause is "
-            "missing. Run `rovid diagnose` to look for it."
-        )
+        text = f"Use {result}: it is a joint fit of all logs with a disturbance. The difference may mean that a cause "
+        return f"{text}is missing. Run `rovid diagnose` to look for it."
     return "Use neither before you run `rovid fit`, a joint fit of all logs with a disturbance."

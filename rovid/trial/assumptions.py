@@ -86,9 +86,8 @@ class Assumptions:
             return ""
         consequence = "Inertia, drag and their ratios are placeholders until every arm is measured."
         if self.includes_curve:
-            consequence = (
-                "Inertia, drag and their ratios are placeholders, and a cause may be an error of the guessed curve."
-            )
+            consequence = "Inertia, drag and their ratios are placeholders, and a cause may be an error of the guessed "
+            consequence += "curve."
         elif self.ratios_hold:
             condition = " if these arms are equal in size" if self.thrusters > 1 else ""
             consequence = f"Inertia, drag and every torque are placeholders; ratios and times hold{condition}."

@@ -189,9 +189,8 @@ def _about_one_level(trials: Sequence[Trial]) -> tuple[list[Trial], list[Remark]
     for trial, (level, largest) in zip(trials, levels, strict=True):
         if abs(level - usual) > _ANOTHER_LEVEL * largest:
             text = f"{trial.name} swings about {math.degrees(level):.3g} deg, and the usual log about "
-            text += (
-                f"{math.degrees(usual):.3g} deg: the difference, of ballast or of the sensor's zero, was subtracted."
-            )
+            text += f"{math.degrees(usual):.3g} deg: the difference, of ballast or of the sensor's zero, was "
+            text += "subtracted."
             remarks.append(Remark(kind="level", count=1, text=text))
             trial = replace(trial, position=trial.position - (level - usual))  # noqa: PLW2901 - the decay as used
         found.append(trial)
@@ -217,11 +216,9 @@ def _gyro_remarks(runs: Sequence[Run]) -> list[Remark]:
     axis, offset = off[0].trial.axis, float(np.median([run.rates.gyro_offset for run in off]))
     names = ", ".join(run.trial.name for run in off)
     scaled = f"is {gain:.3g} times the {axis.position_words}'s derivative, with" if is_scaled else "has"
-    text = (
-        f"{names}: the logged {axis.rate_words} {scaled} an offset of {offset:.2g} {axis.rate_unit}. The results rest "
-        f"on the logged {axis.rate_words}. Check its unit and sign, or delete {axis.rate_signal} in rovid.toml to use "
-        f"the {axis.position_words}'s derivative instead."
-    )
+    text = f"{names}: the logged {axis.rate_words} {scaled} an offset of {offset:.2g} {axis.rate_unit}. The results "
+    text += f"rest on the logged {axis.rate_words}. Check its unit and sign, or delete {axis.rate_signal} in "
+    text += f"rovid.toml to use the {axis.position_words}'s derivative instead."
     return [Remark(kind="gyro", count=len(off), text=text)]
 
 

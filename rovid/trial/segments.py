@@ -245,10 +245,8 @@ def coarse_text(trials: Sequence[Trial]) -> str:
         return ""
     axis = trials[0].axis
     unit, factor = axis.display_unit
-    return (
-        f"the {axis.position_words} of {shortened_list([*coarse])} is rounded to steps of "
-        f"{factor * max(coarse.values()):.3g} {unit}"
-    )
+    step = f"{factor * max(coarse.values()):.3g} {unit}"
+    return f"the {axis.position_words} of {shortened_list([*coarse])} is rounded to steps of {step}"
 
 
 def find_releases(trial: Trial) -> list[slice]:

@@ -313,9 +313,8 @@ def _outside(trial: Trial, thruster: Thruster, curve: ThrustCurve, command: Floa
     excess = np.maximum(low - command, command - high)
     at = int(np.nanargmax(excess))
     count = int(np.nansum(excess > _ROUNDING * curve.span))
-    mend = (
-        f'Extend the curve, or set outside = "clamp" in [[thrusters]] {thruster.name!r} to hold the curve\'s end value.'
-    )
+    mend = f'Extend the curve, or set outside = "clamp" in [[thrusters]] {thruster.name!r} to hold the curve\'s end '
+    mend += "value."
     if curve.reach(command[at]) > FAR_OUTSIDE:  # The curve's end value would be full thrust.
         mend = "That is far outside: the command and the curve are of different units, or the value means no command. "
         mend += "Give the curve in the unit of the command, or leave these samples out."
