@@ -209,7 +209,14 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         if self.axis is not YAW or self.rigid_body_inertia is None:
-            object.__setattr__(self, "rigid_body_inertia", self._inertia_of_box())
+            inertia = self.mass  # Along a linear axis.
+            if self.axis.angular:
+                sides = {"yaw": (self.length, self.width), "pitch": (self.length, self.height)}
+                first, second = sides.get(self.axis.name, (self.width, self.height))
+                inertia = None
+                if self.mass is not None and first is not None and second is not None:
+                    inertia = box_inertia(self.mass, first, second)
+            object.__setattr__(self, "rigid_body_inertia", inertia)
 
     @property
     def relative_scale_error(self) -> float:
@@ -249,13 +256,6 @@ class Vehicle:
                 text = f"{thruster.name} is a rudder: its torque depends on the speed of the vehicle, which {purpose} "
                 mend = "`rovid fit`, `rovid simulate` and `rovid diagnose` take rudders."
                 raise ConfigError(f"{text}does not know.", where="[[rudders]]", mend=mend)
-
-    def _inertia_of_box(self) -> float | None:
-        if not self.axis.angular or self.mass is None:
-            return self.mass
-        sides = {"yaw": (self.length, self.width), "pitch": (self.length, self.height)}
-        first, second = sides.get(self.axis.name, (self.width, self.height))
-        return None if first is None or second is None else box_inertia(self.mass, first, second)
 
     @property
     def reference_inertia(self) -> float | None:
