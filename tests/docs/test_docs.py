@@ -323,14 +323,14 @@ def test_the_keys_of_json_are_in_the_page_on_files(command: str, trial_day: Path
 
 def test_the_page_on_files_has_every_schema_and_every_key_of_the_configuration() -> None:
     from rovid.readers import READERS
-    from rovid.trial import axis, config
+    from rovid.trial import axis, config, config_values
 
     text = (DOCS / "files.md").read_text(encoding="utf-8")
     sources = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "rovid").rglob("*.py"))
     schemas = set(re.findall(r"\brovid-[a-z-]+/1\b", sources))
     assert len(schemas) > 8
-    keys = {*config._VEHICLE_KEYS, *config._THRUSTER_KEYS, "unit", "sign"}  # noqa: SLF001 - the keys are private
-    keys |= {*axis.SIGNAL_UNITS}
+    keys = {*config._VEHICLE_KEYS, *config_values._THRUSTER_KEYS}  # noqa: SLF001 - the keys are private
+    keys |= {"unit", "sign", *axis.SIGNAL_UNITS}
     units = {unit for factors in axis.SIGNAL_UNITS.values() for unit in factors} | {*axis.TIME_UNITS}
     formats = {suffix.removeprefix(".") for suffix in READERS} - {"db3"}
     assert sorted(name for name in keys | units | formats | schemas if f"`{name}`" not in text) == []
