@@ -151,12 +151,11 @@ class LogRegressors:
 
     def torque_by(self, thruster: Thruster, at: int) -> FloatArray:
         """(n,) torque of ``thruster`` with the command number ``at``."""
-        return np.concatenate(
-            [
-                run.rates.filter_held(run.trial, thruster.torque(run.trial.commands[:, at]))[run.valid]
-                for run in self.runs
-            ]
-        )
+        parts = []
+        for run in self.runs:
+            torque = thruster.torque(run.trial.commands[:, at])
+            parts.append(run.rates.filter_held(run.trial, torque)[run.valid])
+        return np.concatenate(parts)
 
     @cached_property
     def waves(self) -> ComplexArray:
@@ -338,8 +337,14 @@ def _with_distances(logs: Sequence[LogMoments], values: FloatArray, agree: BoolA
 
 
 def _centre(logs: Sequence[LogMoments]) -> FloatArray:
-    """(2,) weighted median of the deviations."""
-    return np.array([_weighted_median([(log.deviation[k], log.standard_errors[k]) for log in logs]) for k in (0, 1)])
+    """(2,) median of the deviations, weighted by their standard errors."""
+    centre = []
+    for k in (0, 1):
+        values, errors = np.array(sorted((log.deviation[k], log.standard_errors[k]) for log in logs)).T
+        weights = 1.0 / errors.clip(_LEAST_SCATTER) ** 2
+        weights = np.cumsum(weights.clip(max=_MOST_WEIGHT * np.median(weights)))
+        centre.append(values[np.searchsorted(weights, 0.5 * weights[-1])])
+    return np.array(centre)
 
 
 def _distances(log: LogMoments, scatters: FloatArray, centre: FloatArray, values: FloatArray) -> FloatArray:
@@ -388,11 +393,3 @@ def _covariance(waves: ComplexArray, rest: FloatArray) -> FloatArray:
     smooth = 2.0 * (sums[high + 1] - sums[low]) / (high + 1 - low)
     smooth[0] *= 0.5
     return np.asarray(np.real((waves.conj() * smooth[:, None]).T @ waves) / size)
-
-
-def _weighted_median(pairs: Sequence[tuple[float, float]]) -> float:
-    """Median of values with standard errors."""
-    values, errors = np.array(sorted(pairs)).T
-    weights = 1.0 / errors.clip(_LEAST_SCATTER) ** 2
-    weights = np.cumsum(weights.clip(max=_MOST_WEIGHT * np.median(weights)))
-    return float(values[np.searchsorted(weights, 0.5 * weights[-1])])

@@ -54,20 +54,8 @@ _ENDS_IN_NEWTON_METRES = re.compile(r"N[ ·*]?m\W*$")
 _UNITS = {"deg": "deg", "degrees": "deg", "grad": "deg", "rad": "rad", "radians": "rad", "dps": "deg/s", "rps": "rad/s"}
 # Unit -> pattern of a name that ends in it.
 _UNIT_ENDINGS: Mapping[str, re.Pattern[str]] = {
-    unit: re.compile(rf"(?:^|[^A-Za-z]|(?<=[a-z])(?=[A-Z]))(?i:{ends})\W*$")
-    for unit, ends in {
-        "mm/s": "mm/s|mm_s|mmps",
-        "cm/s": "cm/s|cm_s|cmps",
-        "m/s": "m/s|m_s|mps|m s-1",
-        "kn": "kn|kt|kts|knots|knoten|noeuds|nudos|knop",
-        "deg/s": "deg/s|deg_s|dps|°/s|grad/s|grad_s",
-        "rad/s": "rad/s|rad_s|rps",
-        "mm": "mm",
-        "cm": "cm",
-        "m": "m",
-        "deg": "deg|degrees|grad|grader|grados|°",
-        "rad": "rad|radians",
-    }.items()
+    unit: re.compile(rf"(?:^|[^A-Za-z]|(?<=[a-z])(?=[A-Z]))(?i:{'|'.join(ends)})\W*$")
+    for unit, ends in _LISTS["unit_ending"].items()
 }
 # The unit of another quantity at the end of a name.
 _OTHER_UNIT = re.compile(

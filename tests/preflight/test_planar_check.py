@@ -76,8 +76,9 @@ def test_a_latency_and_a_sign_show(tmp_path: Path) -> None:
     assert abs(gyro.seconds) < 0.01
     astern = SIGNALS.replace('{ csv = "u" }', '{ csv = "u", sign = -1 }')
     (tmp_path / "rovid.toml").write_text(PORT_AND_STARBOARD + astern)
-    assert any(one.kind == "sensors_disagree" and one.weight == "grave" for one in checked(tmp_path).advice)
-    assert checked(tmp_path).verdict == "no_go"
+    check = checked(tmp_path)
+    assert any(one.kind == "sensors_disagree" and one.weight == "grave" for one in check.advice)
+    assert check.verdict == "no_go"
 
 
 def test_a_check_names_what_is_not_measured(folder: Path, tmp_path: Path) -> None:
