@@ -11,7 +11,7 @@ from rovid.preflight.raw_columns import (
     COMMAND,
     SIDE,
     Columns,
-    RawColumn,
+    Log,
     SignalGuess,
     SourceColumn,
     columns_by_source,
@@ -92,7 +92,6 @@ def _axis_signal(axis: Axis, column: SourceColumn) -> tuple[str, SignalGuess]:
     return name, SignalGuess(source=column.source, unit=unit, sign=sign, reason=reason + detail, is_rate=is_rate)
 
 
-Log = Mapping[str, RawColumn]
 # Words of a position on the map.
 _MAP = {"north": {"north", "northing", "nord", "norte", "n"}, "east": {"east", "easting", "ost", "est", "este", "e"}}
 # Words of a latitude and of a longitude, the limit of each in deg, and the scale of integers.

@@ -1,7 +1,7 @@
 """Offset and drift between two clocks from signals in both files: a heading, a yaw rate, or a copy of a command."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -10,7 +10,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import shortened_list
 from rovid.core.formatting import plus_minus, round_to_error, toml_key
-from rovid.preflight.raw_columns import MIN_SAMPLES, RawColumn, is_thruster_command, is_yaw_rate
+from rovid.preflight.raw_columns import MIN_SAMPLES, Log, is_thruster_command, is_yaw_rate
 from rovid.preflight.signal_guess import turn_of_heading
 from rovid.trial.rates import integral
 
@@ -155,7 +155,7 @@ class _Integral:
         return np.asarray((self.rate(instants + step, window) - self.rate(instants - step, window)) / (2.0 * step))
 
 
-def align_clocks(reference: Mapping[str, RawColumn], other: Mapping[str, RawColumn]) -> ClockOffset | None:
+def align_clocks(reference: Log, other: Log) -> ClockOffset | None:
     """Offset of the clock of ``other`` in the middle of its log; None without a signal that ``reference`` has, too."""
     found: list[ClockOffset] = []
     for one in _integrals(reference):
@@ -177,7 +177,7 @@ def align_clocks(reference: Mapping[str, RawColumn], other: Mapping[str, RawColu
     return replace(best, error=_SELECTION_BIAS * error, drift_error=_SELECTION_BIAS * drift_error)
 
 
-def _integrals(log: Mapping[str, RawColumn]) -> Iterator[_Integral]:
+def _integrals(log: Log) -> Iterator[_Integral]:
     for source, column in log.items():
         known = np.isfinite(column.values) & np.isfinite(column.time)
         time, values = column.time[known], column.values[known]

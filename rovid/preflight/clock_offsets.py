@@ -29,7 +29,7 @@ from rovid.estimate.nested_fits import fit_with_effects
 from rovid.estimate.output_error import fit_output_error
 from rovid.faults.clocks_apart import OCTAVES, coarse_delays, response_delay
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffset, ClockOffsets, align_clocks
-from rovid.preflight.raw_columns import RawColumn
+from rovid.preflight.raw_columns import Log, RawColumn
 from rovid.readers.formats import all_channels, relative_name
 from rovid.trial.config import Config
 from rovid.trial.log_files import Join
@@ -50,8 +50,6 @@ _PRECISE = 0.03
 _LAG = "thruster_lag"
 # Fields of a trial that the response needs not.
 _NO_TILT: dict[str, Any] = {"roll": None, "pitch": None, "extras": {}}
-
-Columns = Mapping[str, RawColumn]
 
 
 def estimate_clock_offsets(trials: Sequence[Trial], config: Config) -> ClockOffsets:
@@ -115,7 +113,7 @@ def _given(name: str, config: Config) -> tuple[float, float]:
 
 
 def _read_files(trial: Trial, config: Config) -> dict[Path, dict[str, RawColumn]]:
-    """Columns of each file of a trial; empty if one cannot be read."""
+    """Log of each file of a trial; empty if one cannot be read."""
     try:
         channels = all_channels(trial.path, config)
     except RovidError:
@@ -129,7 +127,7 @@ def _read_files(trial: Trial, config: Config) -> dict[Path, dict[str, RawColumn]
     return files
 
 
-def _file_with(files: Mapping[Path, Columns], sources: set[str]) -> Path | None:
+def _file_with(files: Mapping[Path, Log], sources: set[str]) -> Path | None:
     return next((file for file, columns in files.items() if sources & columns.keys()), None)
 
 

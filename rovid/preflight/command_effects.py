@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.preflight.raw_columns import MIN_SAMPLES, RawColumn, SignalGuess, held_mean, mean_rates, position_at
+from rovid.preflight.raw_columns import MIN_SAMPLES, Log, RawColumn, SignalGuess, held_mean, mean_rates, position_at
 from rovid.trial.axis import Axis
 from rovid.trial.segments import subsampled_median
 from rovid.trial.trial import Trial
@@ -48,8 +48,6 @@ _INEFFECTIVE, _CONFIDENT = 0.2, 3.0
 # Effect per N m relative to the other thrusters, up to which a negative one is no other sign: a thruster whose arm is
 # turned around pushes about as much as the others. Errors of the curves, as weak reverse thrust, leave less. Decision.
 _REVERSED = 1.0 / 3.0
-
-Log = Mapping[str, RawColumn]
 
 
 @dataclass(frozen=True, kw_only=True)

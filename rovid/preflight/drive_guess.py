@@ -17,6 +17,7 @@ from rovid.preflight.raw_columns import (
     RATE,
     SUPPLY,
     Columns,
+    Log,
     RawColumn,
     SignalGuess,
     SourceColumn,
@@ -62,8 +63,6 @@ _WINDOWS, _WINDOW_LIMITS, _LAGS = 1000, (0.01, 0.5), (0.0, 0.25, 0.5, *(2.0**pow
 _MAX_CANDIDATES = 8
 # Subdivisions of a window, for the lag.
 _FINE = 4
-
-Log = Mapping[str, RawColumn]
 
 
 @dataclass(frozen=True, kw_only=True)

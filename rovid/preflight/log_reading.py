@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from rovid.core.output_files import own_output
 from rovid.faults.absent_zero import is_zero
 from rovid.preflight.clock_alignment import align_clocks
 from rovid.preflight.command_effects import response_delay
-from rovid.preflight.raw_columns import RawColumn, is_thruster_command, word_list
+from rovid.preflight.raw_columns import Log, RawColumn, is_thruster_command, word_list
 from rovid.preflight.signal_guess import ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints
 from rovid.readers.build_trial import MAX_INTERVAL
@@ -29,8 +29,6 @@ from rovid.trial.log_files import QUALIFIER, Join, guess_parts, is_log
 from rovid.trial.tables import CURVE_COLUMNS, column_names
 from rovid.trial.vehicle import Vehicle
 
-# Source -> its column.
-Log = Mapping[str, RawColumn]
 # Maximum number of logs of each format that are read; decision: the logs of one campaign are alike.
 _MAX_LOGS = 12
 # The name of a clock that counts seconds.
@@ -54,7 +52,7 @@ class LogsRead:
 
     folder: Path
     #: ``logs``, ``names``: format -> columns of each log by source, and name of each log in the folder.
-    logs: dict[str, list[Mapping[str, RawColumn]]] = field(default_factory=dict)
+    logs: dict[str, list[Log]] = field(default_factory=dict)
     names: dict[str, list[str]] = field(default_factory=dict)
     #: ``clocks``, ``file_clocks``: format -> source of the clock in most logs, empty if the format has a clock of its
     #: own; name of a log -> the same.
@@ -151,7 +149,7 @@ def is_thrust_curve(path: Path) -> bool:
         return False  # reading the log reports the error
 
 
-def _interval(columns: Mapping[str, RawColumn]) -> float:
+def _interval(columns: Log) -> float:
     """Median interval in s of the fastest of ``columns``."""
     intervals = [float(np.median(np.diff(column.time))) for column in columns.values() if len(column.time) > 1]
     return min(intervals, default=0.0)

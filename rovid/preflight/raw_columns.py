@@ -132,7 +132,8 @@ class SourceColumn:
         return self.is_long and self.changes
 
 
-# Source -> its column.
+# Source -> its column: of one log, and of all logs.
+Log = Mapping[str, RawColumn]
 Columns = Mapping[str, SourceColumn]
 
 
@@ -185,7 +186,7 @@ def is_thruster_command(source: str) -> bool:
     return may_be_command(source, words) and bool(words & (COMMAND | SIDE) or voltage)
 
 
-def columns_by_source(logs: Sequence[Mapping[str, RawColumn]]) -> dict[str, SourceColumn]:
+def columns_by_source(logs: Sequence[Log]) -> dict[str, SourceColumn]:
     """The columns of all logs with each source."""
     columns: dict[str, list[RawColumn]] = {}
     for log in logs:

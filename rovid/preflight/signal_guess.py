@@ -30,6 +30,7 @@ from rovid.preflight.raw_columns import (
     SUPPLY,
     VOLTAGE,
     Columns,
+    Log,
     RawColumn,
     SignalGuess,
     SourceColumn,
@@ -102,7 +103,7 @@ class ColumnMapping:
         return {*drives, *(command.source for command in self.commands), *(one.angle.source for one in self.rudders)}
 
 
-def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | None = None) -> ColumnMapping:
+def map_columns(logs: Sequence[Log], hints: GuessHints | None = None) -> ColumnMapping:
     """Guess the contents of the columns of ``logs``, each given by source without the clock."""
     hints = hints or GuessHints()
     columns = columns_by_source(logs)
@@ -139,11 +140,7 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
 
 
 def _drives(
-    free: Columns,
-    logs: Sequence[Mapping[str, RawColumn]],
-    position: SignalGuess | None,
-    hints: GuessHints,
-    signals: dict[str, SignalGuess],
+    free: Columns, logs: Sequence[Log], position: SignalGuess | None, hints: GuessHints, signals: dict[str, SignalGuess]
 ) -> tuple[tuple[RudderGuess, ...], tuple[ThrusterCommand, ...]]:
     """Rudders and thrusters among ``free`` columns; the speed at a rudder is added to ``signals``."""
     found = None
@@ -174,9 +171,7 @@ def _supply(shared: Columns, taken: set[str]) -> str | None:
     return max(found, key=lambda source: bool(shared[source].words & VOLTAGE), default=None)
 
 
-def _torque(
-    columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess | None
-) -> SignalGuess | None:
+def _torque(columns: Columns, logs: Sequence[Log], heading: SignalGuess | None) -> SignalGuess | None:
     """A logged yaw torque, in the sense in which it turns the heading."""
     for source, column in columns.items():
         if not column.varies or not is_torque(column) or column.words & (NOT_HEADING | LIGHT):
@@ -192,9 +187,7 @@ def _torque(
 # ---- yaw
 
 
-def _yaw_signals(
-    columns: Columns, shared: Columns, logs: Sequence[Mapping[str, RawColumn]], chosen: str
-) -> dict[str, SignalGuess]:
+def _yaw_signals(columns: Columns, shared: Columns, logs: Sequence[Log], chosen: str) -> dict[str, SignalGuess]:
     """Heading, yaw rate and tilts that were found; the user may have ``chosen`` the heading."""
     heading = None
     if not chosen:
@@ -326,7 +319,7 @@ def _tilt(columns: Columns, name: str, known: frozenset[str], heading: SignalGue
     return None
 
 
-def _yaw_rate(columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess) -> SignalGuess | None:
+def _yaw_rate(columns: Columns, logs: Sequence[Log], heading: SignalGuess) -> SignalGuess | None:
     """A gyro by name, with unit and sign from its regression on the rate of the heading."""
     for source in columns:
         if source == heading.source or not is_yaw_rate(source):

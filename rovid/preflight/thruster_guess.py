@@ -20,7 +20,7 @@ from rovid.preflight.raw_columns import (
     SIDE,
     VOLTAGE,
     Columns,
-    RawColumn,
+    Log,
     SignalGuess,
     has_other_unit,
     is_thruster_command,
@@ -167,7 +167,7 @@ class ThrusterCommand:
 
 
 def guess_thrusters(
-    columns: Columns, logs: Sequence[Mapping[str, RawColumn]], position: SignalGuess | None, hints: GuessHints
+    columns: Columns, logs: Sequence[Log], position: SignalGuess | None, hints: GuessHints
 ) -> tuple[ThrusterCommand, ...]:
     """Thruster commands, by the user's choice, by the autopilot's outputs, or by name."""
     ranges = _select_commands(columns, hints)
@@ -220,7 +220,9 @@ def _direction(
     observed, evidence = effect.direction, effect.text
     output = hints.outputs.get(source)
     if hints.axis is not YAW or not (output or mixed or label):
-        return observed, 0.0, _by_motion(effect, hints.axis)
+        feedback = "; the command responds to the motion" if effect.is_contradicted else ""
+        text = f"these logs do not show whether it {hints.axis.motion_verb} the vehicle{feedback}"
+        return observed, 0.0, f"{_in_words(observed, hints.axis)} ({evidence})" if observed else text
     published = hints.profile.arms.get(label, 0.0) if hints.profile else 0.0
     if output is not None:
         direction, reason = output.direction, "the autopilot's parameters"
@@ -242,13 +244,6 @@ def _direction(
     elif observed == -direction:
         text += f"; these logs contradict that ({evidence})"
     return direction, arm, text
-
-
-def _by_motion(effect: CommandEffect, axis: Axis) -> str:
-    if effect.direction:
-        return f"{_in_words(effect.direction, axis)} ({effect.text})"
-    feedback = "; the command responds to the motion" if effect.is_contradicted else ""
-    return f"these logs do not show whether it {axis.motion_verb} the vehicle{feedback}"
 
 
 def _in_words(direction: int, axis: Axis) -> str:
@@ -275,19 +270,13 @@ def _select_commands(columns: Columns, hints: GuessHints) -> dict[str, FloatArra
         found = {source: values for source, values in varying.items() if name_test(source)}
         # An array beside a command of its own holds something else.
         plain = {source.rpartition(".")[0] for source in found if not source.endswith("]")} - {""}
-        found = {
-            source: values
-            for source, values in found.items()
-            if not (source.endswith("]") and source.rpartition(".")[0] in plain)
-        }
-        # A vehicle with a logged torque may have no thrusters, and a voltage that stays far from zero is a supply: the
-        # name of such a column has to be that of a thruster.
-        found = {
-            source: values
-            for source, values in found.items()
-            if name_words(source) & (COMMAND | SIDE)
-            or not (torque_logged or (name_words(source) & VOLTAGE and not _approaches_zero(values)))
-        }
+        for source, values in [*found.items()]:
+            # A vehicle with a logged torque may have no thrusters, and a voltage that stays far from zero is a supply:
+            # the name of such a column has to be that of a thruster.
+            supply = name_words(source) & VOLTAGE and not _approaches_zero(values)
+            other = (torque_logged or supply) and not name_words(source) & (COMMAND | SIDE)
+            if other or (source.endswith("]") and source.rpartition(".")[0] in plain):
+                del found[source]
         found = _prefer(found, lambda _, values: neutral_value(values) == _NO_THRUST or _approaches_zero(values))
         # Speeds are the response to the other commands.
         found = _prefer(found, lambda source, _: not name_words(source) & _SPEED)
