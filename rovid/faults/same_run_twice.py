@@ -128,10 +128,9 @@ def _overlaps(recordings: Sequence[_Recording]) -> Iterator[tuple[Trial, Trial, 
     spectra = [np.fft.rfft(one.third, size) for one in recordings]
     for later, other in enumerate(recordings):
         for earlier, one in enumerate(recordings[:later]):
-            shorter, alike = min(len(one.rows), len(other.rows)), abs(one.interval - other.interval)
-            if shorter < _MIN_SAMPLES or alike > 0.01 * one.interval:
-                continue
-            if one.trial.commands.shape[1] != other.trial.commands.shape[1]:
+            shorter, apart = min(len(one.rows), len(other.rows)), abs(one.interval - other.interval)
+            same_commands = one.trial.commands.shape[1] == other.trial.commands.shape[1]
+            if shorter < _MIN_SAMPLES or apart > 0.01 * one.interval or not same_commands:
                 continue
             products = np.fft.irfft(spectra[earlier] * np.conj(spectra[later]), size)
             lag = int(np.argmax(products))
