@@ -17,6 +17,7 @@ from rovid.faults.quick_model import first_order
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
+from tests.conftest import slow
 from tests.faults.days import VEHICLES, day, programme
 from tests.synthetic import LOGGED, gauss_markov
 
@@ -45,7 +46,7 @@ def test_water_that_follows_the_hull_is_no_early_motion(vehicle: str) -> None:
     assert not faults(runs)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [*range(2), *map(slow, range(2, 5))])
 @pytest.mark.parametrize("samples", [3, 10])
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_motion_before_the_commands_stops(vehicle: str, samples: int, seed: int) -> None:
@@ -86,7 +87,7 @@ def test_commands_of_the_opposite_sign_are_no_clock(sign: float, monkeypatch: py
     assert {run.trial.name for run in runs} - named == ({f"sine_{k}.csv" for k in range(3)} if sign < 0.0 else set())
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", [*range(4), *map(slow, range(4, 10))])
 @pytest.mark.parametrize("disturbance", [0.002, 0.1])
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_one_clock_gives_nothing(vehicle: str, disturbance: float, seed: int) -> None:
@@ -121,7 +122,7 @@ def test_one_joined_log_is_examined_too() -> None:
     assert abs(drift.drift) < 4.0 * drift.error
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [*range(3), *map(slow, range(3, 6))])
 @pytest.mark.parametrize("cause", ["lag", "sag"])
 def test_a_hidden_cause_of_joined_files_is_no_drift(cause: str, seed: int) -> None:
     """A lag that is longer where the torque falls, or thrust that sags by a third within each log."""
