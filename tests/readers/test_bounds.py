@@ -236,7 +236,7 @@ def cut(suffix: str, folder: Path, lengths: range) -> None:
             survey([alone])
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", [one for one in SUFFIXES if one != ".ndjson"])  # its reader is that of .jsonl
 def test_cut_behind_some_of_its_bytes(suffix: str, tmp_path: Path) -> None:
     size = len(small(suffix))
     cut(suffix, tmp_path, range(0, size, max(1, size // 61)))
