@@ -13,6 +13,7 @@ from rovid.core.array_types import FloatArray
 from rovid.diagnose.candidate_fits import bic_score, fit_coarse, fit_in_parallel, is_plausible
 from rovid.diagnose.cross_validation import CvPiece, cross_validate, held_out_log_likelihood
 from rovid.diagnose.evidence import posterior_probability, probability_not_a_stand_in
+from rovid.diagnose.formulas.regression import series_effect
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.effects.wave_torque import SEA_DAMPING
@@ -122,7 +123,7 @@ def run_wave_test(data: InnovationData, beside: FitResult, wave: Effect | None, 
     with_waves = _fit_with_waves(plain, wave)
     bic_gain = bic_score(with_waves) - bic_score(plain)
     is_possible = is_plausible(with_waves) and bic_gain > 0.0 and not _is_sensor_filter(data, plain, with_waves)
-    if not is_possible or _in_one_run(with_waves):
+    if not is_possible or _in_one_run(with_waves) or _follows_thrust(plain, with_waves):
         return WaveTest(plain, pieces)
     if not with_waves.is_white:
         # Coloured innovations overstate the gain: its scatter over time limits it.
@@ -137,6 +138,28 @@ def _in_one_run(fitted: FitResult) -> bool:
     gains = fitted.objective.contributions(calm) - fitted.objective.contributions(fitted.x)
     by_run = np.bincount(fitted.data.run_index, weights=gains)
     return len(by_run) > 1 and bool(by_run.sum() <= by_run.max())
+
+
+def _follows_thrust(plain: FitResult, with_waves: FitResult) -> bool:
+    """Whether an oscillation in the band of the waves that the known thrust excites explains the readings better.
+
+    Waves have no phase relation to the thrust. Under feedback the thrust follows them, but it then knows of them only
+    what the filter knows too. A swinging mast of the compass, a tether, or water in the hull do follow it.
+    """
+    _, frequency, damping = with_waves.model.wave_parameters.tolist()
+    swings = {}
+    for run in plain.data.runs:
+        time = run.rates.time
+        ringing = np.exp((1j - damping) * frequency * (time - time[0]))
+        torque, response = np.fft.fft((held_torque(run), ringing), 2 * len(time))
+        swings[run.trial.name] = np.interp(run.trial.time, time, np.fft.ifft(torque * response)[: len(time)])
+    effects = [
+        series_effect(f"swing {part.__name__}", {name: part(swing) for name, swing in swings.items()})
+        for part in (np.real, np.imag)
+    ]
+    objective = plain.objective.with_effects((*plain.effects, *effects))
+    start = np.concatenate((plain.x, objective.parametrization.initial()[len(plain.x) :]))
+    return bic_score(fit_coarse(objective, start, THRESHOLDS.close_iterations)) > bic_score(with_waves)
 
 
 def _fit_without_waves(data: InnovationData, beside: FitResult) -> FitResult:

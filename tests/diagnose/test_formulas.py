@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.diagnose.formulas import search
+from rovid.diagnose.formulas import grammar, search
 from rovid.diagnose.formulas.effect_file import effect_of, effect_source, is_possible
 from rovid.diagnose.formulas.grammar import Factor, Grammar, Product, remembered
 from rovid.diagnose.formulas.regression import InnovationRegression
@@ -104,6 +104,14 @@ def test_a_formula_may_hold_the_thrust_of_one_thruster_and_the_time_of_the_campa
         assert effect.needs == ()
         assert effect.acts.surge_from_thrust is not None
         np.testing.assert_allclose(effect.acts.surge_from_thrust(inputs, thrust, {}), series)
+
+
+def test_two_thrusters_have_products_of_their_speeds() -> None:
+    """One takes in the jet of the other: the loss of thrust goes with both speeds, the roots of the thrusts."""
+    factors = {name: factor(name) for name in ("rate", "thrust:a", "thrust:b")}
+    shapes = {tuple(one.shape for one in product.factors) for product in grammar._products(factors, 2.0)}  # noqa: SLF001
+    roots = ("root", "root_size")
+    assert {(one, other) for one in roots for other in roots} <= shapes
 
 
 def test_a_sum_of_products_of_the_log_alone_is_one_series() -> None:
@@ -220,11 +228,55 @@ def test_a_rival_predicts_better_than_all_causes_beyond_a_tie(
     folds = {id(causes): [SimpleNamespace(log_likelihood=70.0)], id(base): [SimpleNamespace(log_likelihood=20.0)]}
     formula = SimpleNamespace(held_out_nats=50.0 + lead)
     found: Any = FormulaSearch.__new__(FormulaSearch)
-    found.model, found.problem = causes, SimpleNamespace(innovations=SimpleNamespace(base=base))
+    found.model, found.terms = causes, 1
+    found.problem = SimpleNamespace(innovations=SimpleNamespace(base=base))
     monkeypatch.setattr(found, "_selection", lambda _: SimpleNamespace(folds=lambda model: folds[id(model)]))
     monkeypatch.setattr(found, "_candidates", lambda _, __, longest: [None] if longest == 1 else [])
     monkeypatch.setattr(found, "_validated", lambda _: formula)
     assert found.rival() is (formula if is_rival else None)
+
+
+@pytest.mark.parametrize(("gain", "is_doubted"), [(2.0 * THRESHOLDS.bic_margin, True), (THRESHOLDS.bic_margin, False)])
+def test_causes_next_to_which_a_product_pays_are_doubted(
+    monkeypatch: pytest.MonkeyPatch, gain: float, *, is_doubted: bool
+) -> None:
+    """Although no torque of the known kinds is missing, as with the interference of two thrusters."""
+    monkeypatch.setattr(search, "lacks_torque", lambda _: False)
+    monkeypatch.setattr(search, "regress", lambda *_: SimpleNamespace(gains=lambda: np.array([0.0, gain])))
+    monkeypatch.setattr(search, "product_effects", lambda *_: [])
+    monkeypatch.setattr(search, "drop_likely", lambda one, keys: keys)
+    found: Any = FormulaSearch.__new__(FormulaSearch)
+    products = [Product((factor("rate", "cubic"),)), Product((factor("rate", "sign"),))]
+    found.model, found.grammar = None, SimpleNamespace(products=products, price=lambda _: 3.0)
+    monkeypatch.setattr(found, "rival", lambda: SimpleNamespace(signals=("rate",)))
+    monkeypatch.setattr(search, "FormulaSearch", lambda *_: found)
+    cause: Any = SimpleNamespace(id="lag", key="lag", title="lag")
+    model = SimpleNamespace(effects=(cause,), canonical=lambda: None)
+    selection: Any = SimpleNamespace(model=model, multi_step=False, waves=None, is_out_of_time=False)
+    selection.with_message = selection.ban = lambda *_: selection
+    doubted: Any = search.doubt_stand_ins(cause, selection)
+    assert doubted == ["lag"] if is_doubted else doubted is selection
+
+
+def test_a_torque_of_its_own_signal_is_a_term_of_a_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A loss of thrust by the speed that leaves thrust unexplained which changes with the speed has two terms."""
+    loss = next(one for one in CATALOGUE if one.id == "advance_speed_loss")
+    loss = replace(loss, needs=("surge_velocity",))
+    signals = [SimpleNamespace(id=f"signal {name}", is_wave=False) for name in ("surge_velocity", "depth")]
+    monkeypatch.setattr(search, "Grammar", SimpleNamespace(of=lambda *_: None))
+    monkeypatch.setattr(search, "replace", lambda one, **_: one)
+    fits = SimpleNamespace(cache=SimpleNamespace(fits={}))
+    model = SimpleNamespace(effects=(loss,), key="", data=SimpleNamespace(usual_time=1.0))
+    innovations = SimpleNamespace(
+        begin=lambda *_: model, search=lambda _: fits, search_data=None, pieces=(), data=SimpleNamespace(runs=())
+    )
+    data = SimpleNamespace(vehicle=SimpleNamespace(), runs=())
+    problem: Any = SimpleNamespace(data=data, innovations=innovations, pieces=())
+    objective = SimpleNamespace(with_effects=lambda _: None)
+    selected: Any = SimpleNamespace(
+        effects=(loss, *signals), objective=objective, without=lambda *_: ((loss,), np.zeros(0))
+    )
+    assert FormulaSearch(problem, selected).terms == 2
 
 
 def test_a_product_that_its_fit_refutes_does_not_compete_in_the_bootstrap(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,9 +30,10 @@ def hump_beside(*kinds: str) -> WaveTest:
     for kind in kinds:
         torque = 230.0 * rng.choice([-1.0, 0.0, 1.0], 41)[(time // 10.0).astype(int)]
         disturbance = gauss_markov(len(time), 0.2, 5.0, 20.0, rng)
-        if kind in {"waves", "stall"}:
+        if kind in {"waves", "stall", "swing"}:
             drive = np.abs(torque) if kind == "stall" else np.ones(len(time))
-            wave = lfilter([1.0], [1.0, -1.94 * np.cos(0.2 * 1.5), 0.9409], drive * rng.normal(0.0, 1.0, len(time)))
+            kicks = torque if kind == "swing" else drive * rng.normal(0.0, 1.0, len(time))
+            wave = lfilter([1.0], [1.0, -1.94 * np.cos(0.2 * 1.5), 0.9409], kicks)
             disturbance += 30.0 * wave / np.std(wave)
         log = run(time, torque, disturbance=disturbance, noise=rng.normal(0.0, np.deg2rad(0.3), len(time)))
         if kind == "filtered heading":
@@ -40,7 +41,7 @@ def hump_beside(*kinds: str) -> WaveTest:
             rest = (1.0 - share) * log.trial.position[:1]
             heading = lfilter([share], [1.0, share - 1.0], log.trial.position, zi=rest)[0]
             log = replace(log, trial=replace(log.trial, position=heading))
-        logs.append(log)
+        logs.append(replace(log, trial=replace(log.trial, name=f"log {len(logs)}")))
     data = InnovationData(logs, LOGGED, ROSUB)
     objective = InnovationLikelihood(data, 0.05)
     beside = FitResult.at(objective, objective.parametrization.initial())
@@ -53,6 +54,10 @@ def test_what_shows_in_one_of_two_logs_is_no_wave() -> None:
 
 def test_the_noise_of_a_filtered_heading_is_no_wave() -> None:
     assert hump_beside("filtered heading").fitted is None
+
+
+def test_what_the_thrust_makes_swing_is_no_wave() -> None:
+    assert hump_beside("swing", "swing").fitted is None
 
 
 @pytest.mark.parametrize("kind", ["waves", "stall"])

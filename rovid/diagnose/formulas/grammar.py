@@ -50,7 +50,8 @@ _SYMBOL = math.log(2.0)
 _OF_ANGLE = ("sine", "cosine", "sine_2", "cosine_2")
 _ALONE = ("linear", "quadratic", "cubic", "size", "square", "sign")
 _IN_PRODUCT = ("linear", "quadratic", "size", "square", "sign")
-# Of a thrust also its root, as a propeller's speed. Shapes of a single thruster's thrust, and of pairs of these.
+# Of a thrust also its root, as a propeller's speed; of two thrusters, of which one takes in the jet of the other, the
+# product of these. Shapes of a single thruster's thrust, the first two also in pairs.
 _OF_THRUST = ("root", "root_size")
 _OF_THRUSTER = ("linear", "size", "quadratic", "root")
 
@@ -301,6 +302,8 @@ def _products(signals: Mapping[str, Factor], time_constant: float) -> list[Produ
             for one, other in product(*each)
             if SHAPES[one.shape].symbols + SHAPES[other.shape].symbols <= _LONGEST_PAIR
         ]
+        if second.startswith(THRUST) and first.startswith(THRUST):
+            pairs += map(Product, product(*(factors(name, _OF_THRUST) for name in (first, second))))
     slow = [
         Product((one,), memory=share * time_constant)
         for name in signals

@@ -59,10 +59,11 @@ class InnovationRegression:
 
 def product_effects(grammar: Grammar, products: Sequence[Product]) -> list[Effect]:
     """Each product as an effect with the measured motion, for regression alone."""
-    return [_effect(f"product {k}", grammar.values(product)) for k, product in enumerate(products)]
+    return [series_effect(f"product {k}", grammar.values(product)) for k, product in enumerate(products)]
 
 
-def _effect(name: str, series: Mapping[str, FloatArray]) -> Effect:
+def series_effect(name: str, series: Mapping[str, FloatArray]) -> Effect:
+    """A torque that follows a series of each trial, by its name; the size is that of its RMS value."""
     every = np.concatenate(list(series.values()))
     size = max(float(np.sqrt(np.mean(every**2))), 1e-300)
     scaled = {trial: values / size for trial, values in series.items()}

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.core.budget import ProgressCallback
 from rovid.core.formatting import significant
 from rovid.diagnose.candidate_fits import bic_score, fit_from_best_start, is_plausible
@@ -21,7 +22,7 @@ from rovid.diagnose.formulas.grammar import Grammar, Product
 from rovid.diagnose.formulas.regression import InnovationRegression, inclusion, product_effects, regress
 from rovid.diagnose.objectives import SearchProblem, without_waves
 from rovid.diagnose.selection import Selection
-from rovid.diagnose.signal_regressors import is_signal
+from rovid.diagnose.signal_regressors import is_signal, signal_name
 from rovid.diagnose.stated_selection import model_estimate
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import (
@@ -145,7 +146,10 @@ class FormulaSearch:
         self.pieces = objective.pieces
         parts = [*objective.data.runs, *(piece.run for piece in problem.pieces)]
         self.grammar = Grammar.of(problem.data.runs, parts, self.model.data.usual_time, vehicle)
-        self.count = 0
+        # A cause that leaves a torque of its own signal unexplained needs the term of that signal too.
+        needs = {name for effect in named for name in effect.needs}
+        own = [one for one in selected.effects if is_signal(one) and signal_name(one) in needs]
+        self.terms, self.count = len(named) + len(own), 0
 
     def run(self) -> Discovery:
         """The formulas that pass, best first."""
@@ -169,10 +173,11 @@ class FormulaSearch:
     def rival(self) -> Formula | None:
         """A formula that predicts trials that were not fitted better than all causes together, beyond a tie.
 
-        It has as many products as there are causes at most: a longer one may hold a cause that acts, and a further law.
+        It has as many products as the causes have terms at most: a longer one may hold a cause that acts, and a further
+        law.
         """
         base, own = self.problem.innovations.base, self._selection(self.model)
-        for one in self._candidates(base, _RIVALS, longest=len(self.model.effects)):
+        for one in self._candidates(base, _RIVALS, longest=self.terms):
             formula = self._validated(one)
             if formula is None:
                 continue
@@ -180,6 +185,20 @@ class FormulaSearch:
             if formula.held_out_nats >= least + THRESHOLDS.tie(least):
                 return formula
         return None
+
+    @property
+    def lacks_product(self) -> bool:
+        """Whether a product pays for itself next to the causes, as the regression predicts."""
+        _, _, net = self._regressed(self.model, [one for one in self.grammar.products if is_possible([one])])
+        return bool(net.max() >= THRESHOLDS.bic_margin)
+
+    def _regressed(
+        self, context: FitResult, products: Sequence[Product]
+    ) -> tuple[InnovationRegression, FloatArray, FloatArray]:
+        """Regression of products next to one model, their prices, and their gains less the prices."""
+        found = regress(context, product_effects(self.grammar, products))
+        prices = np.array(list(map(self.grammar.price, products)))
+        return found, prices, found.gains() - prices
 
     def _selection(self, model: FitResult) -> Selection:
         problem = self.problem
@@ -194,9 +213,7 @@ class FormulaSearch:
         """Fitted formulas next to one model whose gain pays for them, of the ``count`` best products."""
         self.report("Regressing the missing torque on products of signals …")
         products = [product for product in self.grammar.products if is_possible([product])]
-        found = regress(context, product_effects(self.grammar, products))
-        prices = np.array(list(map(self.grammar.price, products)))
-        net = found.gains() - prices
+        found, prices, net = self._regressed(context, products)
         correlation = np.abs(found.correlation())
         chosen: list[int] = []
         for k in np.argsort(-net).tolist():
@@ -246,8 +263,7 @@ class FormulaSearch:
         """The formula with the best second product, if that pays for itself; else as it is."""
         products = [product for product in self.grammar.products if is_possible((*one.products, product))]
         products = [product for product in products if product not in one.products]
-        found = regress(one.fitted, product_effects(self.grammar, products))
-        net = found.gains() - np.array(list(map(self.grammar.price, products)))
+        _, _, net = self._regressed(one.fitted, products)
         best = int(np.argmax(net))
         least = max(THRESHOLDS.bic_margin, THRESHOLDS.misspecification_share * self._gain(one))
         if net[best] < least:
@@ -300,14 +316,15 @@ class FormulaSearch:
 def doubt_stand_ins(problem: SearchProblem, selection: Selection) -> Selection:
     """The ``selection`` without its causes if a formula in their place predicts held-out trials better.
 
-    Only a one-step model that still lacks a torque is challenged. The causes are suspects then.
+    Only a one-step model that still lacks a torque, or a product of signals, is challenged. The causes are suspects
+    then.
     """
     causes = [effect for effect in selection.model.effects if not is_signal(effect)]
     if not causes or selection.multi_step or selection.waves is not None or selection.is_out_of_time:
         return selection
-    if not lacks_torque(selection.model.canonical()):
-        return selection
-    formula = FormulaSearch(problem, selection.model).rival()
+    search = FormulaSearch(problem, selection.model)
+    is_doubtful = lacks_torque(selection.model.canonical()) or search.lacks_product
+    formula = search.rival() if is_doubtful else None
     if formula is None:
         return selection
     text = (
