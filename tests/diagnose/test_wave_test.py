@@ -19,6 +19,7 @@ from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.trial.axis import YAW
+from rovid.trial.preprocessing import Run
 from tests.synthetic import LOGGED, ROSUB, clock, gauss_markov, run
 
 WAVES = next(effect for effect in CATALOGUE if effect.is_wave)
@@ -26,7 +27,7 @@ WAVES = next(effect for effect in CATALOGUE if effect.is_wave)
 
 def hump_beside(*kinds: str) -> WaveTest:
     """Test for waves in levels of thrust, next to a broad disturbance and a kind of narrow-band torque in each log."""
-    rng, time, logs = np.random.default_rng(4), clock(400.0, 5.0), []
+    rng, time, logs = np.random.default_rng(4), clock(400.0, 5.0), list[Run]()
     for kind in kinds:
         torque = 230.0 * rng.choice([-1.0, 0.0, 1.0], 41)[(time // 10.0).astype(int)]
         disturbance = gauss_markov(len(time), 0.2, 5.0, 20.0, rng)
