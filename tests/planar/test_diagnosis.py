@@ -43,7 +43,7 @@ def test_a_hidden_coupling_is_found_and_predicts_held_out_parts() -> None:
 
 
 def test_a_search_without_time_says_so_and_names_nothing() -> None:
-    data = campaign(box_rov(5, couplings=(1.5, 1.0)), runs=4, levels=6, hold=4.0, seed=1)
+    data = campaign(box_rov(5, couplings=(1.5, 1.0)), runs=4, levels=4, hold=4.0, seed=1)
     diagnosis = diagnose_planar(data, budget=Budget(seconds=1e-9))
     assert diagnosis.is_cut_short
     assert not diagnosis.findings
