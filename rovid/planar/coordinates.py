@@ -12,6 +12,7 @@ from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.base import Scales
 from rovid.estimate.fisher_information import Innovations
+from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.kernels import NOISE_COUNT, NOISE_LATENCY, NOISE_SENSOR
 from rovid.planar.model import BASE_COUNT, SENSORS, PlanarModel, RudderModel
@@ -68,17 +69,8 @@ class PlanarCoordinates:
     high: FloatArray
 
     @classmethod
-    def of(
-        cls,
-        start: PlanarModel,
-        sizes: PlanarSizes,
-        sensors: tuple[str, ...],
-        effects: Sequence[Effect],
-        limit: float,
-        *,
-        yaw_only: bool,
-    ) -> Self:
-        """Coordinates around ``start``, with disturbances of at most ``limit`` times the usual forces."""
+    def of(cls, start: PlanarModel, sizes: PlanarSizes, sensors: tuple[str, ...], *, yaw_only: bool) -> Self:
+        """Coordinates around ``start`` without effects, with the usual limit of disturbances."""
         rows = [(1.0, -half, half) for half in _INERTIA_RANGE]
         drags = np.concatenate((sizes.force / sizes.speed, sizes.force / sizes.speed**2))
         rows += [(unit, 0.0, np.inf) for unit in drags]
@@ -88,9 +80,8 @@ class PlanarCoordinates:
             rows += [(unit, 0.0, np.inf), (rudder.slipstream or 1.0, 0.0, 1e3 if rudder.slipstream > 0.0 else 0.0)]
             if rudder.straightening is not None:
                 rows += [(1.0, *bounds) for bounds in zip(*_STRAIGHTENING, strict=True)]
-        rows += [(sizes.effects.unit_size(one), one.low, one.high) for one in _parameters(effects)]
         for force in sizes.force:
-            top = math.log(limit * force)
+            top = math.log(DISTURBANCE_LIMITS[0] * force)
             rows.append((1.0, top - _DISTURBANCE_RANGE, top))
         for time in sizes.time:
             rows.append((1.0, math.log(_MEMORY_BOUNDS[0] * time), math.log(_MEMORY_BOUNDS[1] * time)))
@@ -100,9 +91,7 @@ class PlanarCoordinates:
             rows.append((1.0, least, max(first + _NOISE_RANGE, least)))
         rows += [(float(sizes.time.min()), -_LATENCY_RANGE, _LATENCY_RANGE)] * len(_instruments(sensors))
         units, low, high = np.array(rows, dtype=np.float64).T.copy()
-        found = cls(
-            sizes=sizes, rudders=start.rudders, effects=tuple(effects), sensors=sensors, units=units, low=low, high=high
-        )
+        found = cls(sizes=sizes, rudders=start.rudders, effects=(), sensors=sensors, units=units, low=low, high=high)
         if yaw_only:
             fixed = [0, 1, 3, 4, 5, 7, 8]
             low[fixed] = high[fixed] = 0.0

@@ -153,7 +153,7 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     grid = planar_grid(data, sizes, yaw_only=yaw_only, interval=_SEARCH_SHARE * float(sizes.time.min()))
     # A slipstream that one start leaves out is free in all.
     usual = max((start.model for start in starts), key=lambda model: sum(one.slipstream for one in model.rudders))
-    coordinates = PlanarCoordinates.of(usual, sizes, sensors, (), DISTURBANCE_LIMITS[0], yaw_only=yaw_only)
+    coordinates = PlanarCoordinates.of(usual, sizes, sensors, yaw_only=yaw_only)
     likelihood = PlanarLikelihood(grid, coordinates)
     points = [coordinates.projected(coordinates.initial(start.model, ())) for start in starts]
     # The likelihood of a start says little where the model is badly wrong: the best regression and the start that

@@ -13,7 +13,6 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.estimate.dataset import effect_scales
-from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS
 from rovid.planar import dataset
 from rovid.planar.coordinates import PlanarCoordinates, PlanarSizes
 from rovid.planar.equations import SURGE
@@ -187,7 +186,7 @@ def with_own_sizes(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptim
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
     start = StartValues(model=model, current=(0.0, 0.0), force=force, speed=speed, time=time, residual=0.0)
     sizes = planar_sizes(data, start)
-    coordinates = PlanarCoordinates.of(model, sizes, old.sensors, (), DISTURBANCE_LIMITS[0], yaw_only=False)
+    coordinates = PlanarCoordinates.of(model, sizes, old.sensors, yaw_only=False)
     x = np.concatenate((coordinates.initial(model, ())[: old.noise_begin], best.x[old.noise_begin :]))
     grid = planar_grid(data, sizes, yaw_only=False, interval=grid.interval, latency=grid.latency)
     return PlanarOptimum.fit(PlanarLikelihood(grid, coordinates), x)

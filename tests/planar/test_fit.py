@@ -15,7 +15,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations
-from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, fit_likelihood
+from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar import free_runs
 from rovid.planar.coordinates import PlanarCoordinates
@@ -227,9 +227,7 @@ def test_correlated_errors_count_as_fewer() -> None:
 def test_a_stall_angle_is_a_parameter_where_rovid_toml_gives_none() -> None:
     data = campaign(torpedo(3), runs=1, levels=4, hold=8.0, seed=3)
     start = min(start_values(data, with_current=False), key=lambda one: one.residual)
-    coordinates = PlanarCoordinates.of(
-        start.model, planar_sizes(data, start), data.sensors, (), DISTURBANCE_LIMITS[0], yaw_only=False
-    )
+    coordinates = PlanarCoordinates.of(start.model, planar_sizes(data, start), data.sensors, yaw_only=False)
     x = coordinates.initial(start.model, ())
     found, longer, (place,) = coordinates.stalling(x, [0])
     assert found.model(longer).value("rudder.rudder.stall") == start.model.rudders[0].stall

@@ -118,7 +118,7 @@ def test_a_hull_without_lift_is_not_fitted_with_it(monkeypatch: pytest.MonkeyPat
     sizes = planar_sizes(data, start)
     rudders = tuple(replace(one, lift=truth.rudder[1], stall=3.0) for one in start.model.rudders)
     model = PlanarModel(base=np.array(truth.base), rudders=rudders)
-    coordinates = PlanarCoordinates.of(model, sizes, data.sensors, (), 0.05, yaw_only=False)
+    coordinates = PlanarCoordinates.of(model, sizes, data.sensors, yaw_only=False)
     likelihood = PlanarLikelihood(planar_grid(data, sizes, yaw_only=False, interval=0.0), coordinates)
     x = coordinates.initial(model, ())
     x[coordinates.noise_begin :][:6] = np.log([*truth.disturbance, *[truth.memory] * 3])
