@@ -8,7 +8,16 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.model.simulation import HORIZONS, FitMeasures, fit_measures
-from rovid.planar.dataset import PlanarData, PlanarRun, is_yaw_alone, measured_axes, smooth_run
+from rovid.planar.dataset import (
+    SMOOTHED_INTERVALS,
+    PlanarData,
+    PlanarRun,
+    is_yaw_alone,
+    measured_axes,
+    slowest_interval,
+    smooth_motion,
+    smooth_run,
+)
 from rovid.planar.equations import forces
 from rovid.planar.free_runs import PlanarMotion, estimated_start, simulate_planar
 from rovid.planar.model import AXIS_NAMES, SENSORS, PlanarModel
@@ -85,12 +94,13 @@ def missing_forces(
     """
     linear, quadratic = model.base[4:7], model.base[7:10]
     effects = model.actuator_effects
-    smooth = smooth_run(run, _width(run), effects)
+    width = SMOOTHED_INTERVALS * slowest_interval(run)
+    smooth = smooth_run(run, width, effects)
     if smooth is None:
         return None
     speed = np.sqrt(np.mean(smooth.speeds**2, axis=0))
     rates = (linear + 2.0 * quadratic * speed) / np.diag(model.mass_matrix)
-    smooth = smooth_run(run, max(_width(run), _SMOOTH_SHARE / float(rates.max())), effects) or smooth
+    smooth = smooth_run(run, max(width, _SMOOTH_SHARE / float(rates.max())), effects) or smooth
     smooth = smooth.in_current(*model.current)
     missing = np.array([
         model.mass_matrix @ change + model.coriolis_matrix(now.tolist()) @ now - forces(model, now, inputs)
@@ -125,12 +135,6 @@ def _simulated(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> PlanarT
     )
 
 
-def _width(run: PlanarRun) -> float:
-    """Standard deviation in s of the kernel that smooths the motion: two intervals of the slowest sensor."""
-    stamps = [run.readings(name).time for name in run.sensors]
-    return 2.0 * max((float(np.median(np.diff(time))) for time in stamps if len(time) > 1), default=1.0)
-
-
 def _rate(heading: Readings) -> Readings:
     """Rate in rad/s as difference quotient of a heading."""
     time, values = heading.time, heading.values
@@ -161,7 +165,7 @@ def _restart_errors(
 
     A restart has the smoothed motion as measured, and the states of the actuators.
     """
-    smooth = smooth_run(run, _width(run))
+    smooth = smooth_motion(run)
     if smooth is None or smooth.time[-1] - smooth.time[0] < horizon:
         return np.zeros(0), np.zeros(0)
     begins = np.arange(smooth.time[0], smooth.time[-1] - horizon + 1e-9, horizon)

@@ -27,6 +27,7 @@ from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import _bounded, planar_sizes, start_values
+from rovid.planar.trial_simulation import simulate_planar_trials
 from rovid.planar.uncertainty import total_covariance
 from rovid.trial.preprocessing import prepare_trials
 from rovid.trial.vehicle import Rudder
@@ -211,6 +212,19 @@ def test_the_true_model_simulates_what_a_slow_gps_measures_in_a_current() -> Non
     # Velocities smoothed in the earth frame, or simulations that are not smoothed, are off by 0.14 to 0.28.
     errors = runs.errors(model).error.reshape(-1, 3) / runs.usual
     assert np.sqrt(np.mean(errors**2, axis=0)).max() < 0.07
+
+
+def test_slow_positions_do_not_blur_the_start_of_a_simulation() -> None:
+    """A log of speeds at 10 Hz beside a position every 4 s: the speeds at a restart are those of the log."""
+    fast, slow = {"heading": 0.002, "surge_velocity": 0.005, "sway_velocity": 0.005}, {"north": 0.05, "east": 0.05}
+    noise = {name: (one, 0.1) for name, one in fast.items()} | {name: (one, 4.0) for name, one in slow.items()}
+    truth = box_rov(3, noise=noise, disturbance=(0.0, 0.0, 0.0))
+    data = campaign(truth, runs=1, levels=15, hold=4.0, seed=2)
+    (found,) = simulate_planar_trials(PlanarModel(base=np.array(truth.base)), data)
+    error = found.heading_errors[10.0]
+    # A kernel of two intervals of the positions leaves no restart in this run, and errors of 2.6 rad in longer ones.
+    assert error is not None
+    assert error < 0.01
 
 
 def test_correlated_errors_count_as_fewer() -> None:
