@@ -91,12 +91,12 @@ def start_values(data: dataset.PlanarData, *, with_current: bool) -> list[StartV
 
 def _smoothed(data: dataset.PlanarData, widths: Sequence[float]) -> Iterator[list[dataset.SmoothRun]]:
     """The runs through kernels of these ``widths`` in intervals of the slowest sensor, while they are long enough."""
-    stamps = [run.readings(name).time for run in data.runs for name in run.sensors]
-    intervals = [float(np.median(np.diff(time))) for time in stamps if len(time) > 2]
-    if not intervals:
+    usable = [run for run in data.runs if any(len(run.readings(name).time) > 2 for name in run.sensors)]
+    if not usable:
         raise DataError("no run has three readings of one sensor.", mend="Give longer logs.")
+    slowest = max(map(dataset.slowest_interval, usable))
     for width in widths:
-        runs = [smooth for run in data.runs if (smooth := dataset.smooth_run(run, width * max(intervals))) is not None]
+        runs = [smooth for run in data.runs if (smooth := dataset.smooth_run(run, width * slowest)) is not None]
         if sum(len(run.time) for run in runs) < 4 * BASE_COUNT:
             return
         yield runs
