@@ -11,7 +11,15 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import RovidError
 from rovid.core.formatting import plus_minus
-from rovid.planar.dataset import PlanarData, SmoothRun, measured_axes, planar_data, sensor_noise, smooth_run
+from rovid.planar.dataset import (
+    PlanarData,
+    SmoothRun,
+    measured_axes,
+    planar_data,
+    sensor_noise,
+    slowest_interval,
+    smooth_run,
+)
 from rovid.preflight.advice import Advice
 from rovid.preflight.check import read_each_log, verdict_of
 from rovid.preflight.planar_sensors import CORRELATED, SCALES, SensorLag, sensor_lags, wrong_entries
@@ -145,12 +153,7 @@ def _sensor(data: PlanarData, name: str) -> SensorCheck:
 
 
 def _smoothed(data: PlanarData) -> list[SmoothRun]:
-    interval = max(
-        float(np.median(np.diff(run.readings(name).time)))
-        for run in data.runs
-        for name in run.sensors
-        if len(run.readings(name).time) > 1
-    )
+    interval = max(map(slowest_interval, data.runs))
     return [smooth for run in data.runs if (smooth := smooth_run(run, _WIDTH * interval)) is not None]
 
 
