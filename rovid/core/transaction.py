@@ -111,7 +111,13 @@ def replace_files(contents: Mapping[Path, bytes], stale: Sequence[Path], folders
     try:
         for staged, target in transaction.moves:
             write_synced(staged, contents[target])
-            _copy_owner_and_mode(target, staged)
+            # The owner and mode of the target, as far as the system allows.
+            with contextlib.suppress(FileNotFoundError):
+                status = target.stat()
+                with contextlib.suppress(PermissionError):
+                    if hasattr(os, "chown"):
+                        os.chown(staged, status.st_uid, status.st_gid)
+                staged.chmod(stat.S_IMODE(status.st_mode))
         if len(transaction.moves) + len(transaction.removals) > 1:
             _sync_folders(folders)
             transaction.commit()
@@ -123,16 +129,6 @@ def replace_files(contents: Mapping[Path, bytes], stale: Sequence[Path], folders
             transaction.clean_up()
         raise
     transaction.clean_up()
-
-
-def _copy_owner_and_mode(source: Path, target: Path) -> None:
-    """Give ``target`` the owner and mode of ``source``, as far as the system allows; nothing without a ``source``."""
-    with contextlib.suppress(FileNotFoundError):
-        status = source.stat()
-        with contextlib.suppress(PermissionError):
-            if hasattr(os, "chown"):
-                os.chown(target, status.st_uid, status.st_gid)
-        target.chmod(stat.S_IMODE(status.st_mode))
 
 
 def write_synced(path: Path, data: bytes) -> None:

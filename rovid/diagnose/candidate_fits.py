@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -235,14 +235,10 @@ class FitCache:
     fits: dict[ModelKey, FitResult] = field(default_factory=dict)
     # Fits of other sets of causes that may come close to a model.
     challengers: dict[ModelKey, list[FitResult]] = field(default_factory=dict)
-    # Cross-validation folds, and fits to all data; see `for_selection`.
+    # Cross-validation folds, and fits to all data: these belong to one selection.
     folds: dict[ModelKey, list[Fold]] = field(default_factory=dict)
     full_data: dict[ModelKey, FitResult] = field(default_factory=dict)
     _converged: dict[FitResult, FitResult] = field(default_factory=dict)
-
-    def for_selection(self) -> Self:
-        """The same cache, with no folds and no fits to all data yet: these belong to one selection."""
-        return replace(self, folds={}, full_data={})
 
     def converged(self, fitted: FitResult) -> FitResult:
         """``fitted`` continued to convergence, once: the search leaves fits that cannot win."""

@@ -59,11 +59,19 @@ def diagnose_majority(
         odd = [(finding, logs) for finding, logs in odd if finding.effect.id not in shown]
         if (odd or payload) and others.verdict != "too_little_data":
             remaining, is_repeated = others, True
+    remedies: tuple[Remedy, Remedy] = ("none", "set_aside")
     for finding, logs in odd:
         remaining = doubted(remaining, finding)
-        if not payload:  # the faults of the logs contain two payloads already
-            fault = _foreign_fault(finding, logs, is_set_aside=is_repeated)
-            remaining = replace(remaining, faults=(*remaining.faults, fault))
+        if payload:  # the faults of the logs contain two payloads already
+            continue
+        belong, done = ("does not belong", "It was") if len(logs) == 1 else ("do not belong", "They were")
+        text = (
+            f"{named(logs)} {belong} to the other logs, or {finding.effect.title} acts there: the other logs alone do "
+            f"not show it. {f'{done} set aside.' if is_repeated else 'Repeat these runs, and compare.'}"
+        )
+        confidence, remedy = EVEN * finding.probability, remedies[is_repeated]
+        fault = Fault(fault="foreign_log", logs=logs, text=text, confidence=confidence, remedy=remedy)
+        remaining = replace(remaining, faults=(*remaining.faults, fault))
     if payload and is_repeated:
         text = f"The diagnosis is of one payload alone: it leaves out {named(payload)}."
         remaining = replace(remaining, warnings=(text, *remaining.warnings))
@@ -98,16 +106,6 @@ def _differences(sizes: FloatArray, covariance: FloatArray, rows: Sequence[int])
     among = contrast @ covariance[np.ix_(rows, rows)] @ contrast.T
     differences = contrast @ sizes[list(rows)]
     return float(differences @ np.linalg.pinv(among, rcond=1e-12, hermitian=True) @ differences)
-
-
-def _foreign_fault(finding: Finding, logs: tuple[str, ...], *, is_set_aside: bool) -> Fault:
-    belong, done = ("does not belong", "It was") if len(logs) == 1 else ("do not belong", "They were")
-    text = (
-        f"{named(logs)} {belong} to the other logs, or {finding.effect.title} acts there: the other logs alone do not "
-        f"show it. {f'{done} set aside.' if is_set_aside else 'Repeat these runs, and compare.'}"
-    )
-    remedy: Remedy = "set_aside" if is_set_aside else "none"
-    return Fault(fault="foreign_log", logs=logs, text=text, confidence=EVEN * finding.probability, remedy=remedy)
 
 
 def with_returned_logs(

@@ -158,7 +158,8 @@ class InnovationObjective:
         if len(without_waves(start.effects)) == len(start.effects):
             forms = without_waves(self.candidates)
         cache = self._caches.setdefault((start.data.interval, len(forms)), FitCache())
-        return StepwiseSearch(forms, self.budget, is_hopeless=is_hopeless, cache=cache.for_selection())
+        own = replace(cache, folds={}, full_data={})  # these belong to one selection
+        return StepwiseSearch(forms, self.budget, is_hopeless=is_hopeless, cache=own)
 
     def is_adequate(self, found: FitResult) -> bool:
         """Whether the effects of ``found`` leave white innovations and a disturbance within its limit."""

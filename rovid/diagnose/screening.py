@@ -80,11 +80,6 @@ class ScoreTest:
     directions: Directions  # valid directions of the form
     equations: NormalEquations  # of the model
 
-    @property
-    def penalised_parameters(self) -> int:
-        """Number of parameters with a BIC penalty that the gain does not include; several sizes count as one."""
-        return len(self.effect.parameters) - (self.effect.size_count - 1) + len(self.effect.instants)
-
 
 class NuisanceProjection:
     """Removal of everything that the parameters of a model can do from directions of further forms.
@@ -303,7 +298,9 @@ def shortlist(
     penalty = bic_penalty(current.objective)
 
     def is_enough(test: ScoreTest) -> bool:
-        return test.gain >= share * (threshold + penalty * test.penalised_parameters)
+        # The gain includes the BIC penalty of all sizes but one. An instant has that of two parameters.
+        count = len(test.effect.parameters) - (test.effect.size_count - 1) + len(test.effect.instants)
+        return test.gain >= share * (threshold + penalty * count)
 
     def gain_at_start(test: ScoreTest) -> float:
         begins = [np.concatenate((current.x, start)) for start in (test.start, test.best_start)]

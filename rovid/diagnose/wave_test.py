@@ -24,7 +24,6 @@ from rovid.estimate.objective import UNLIMITED, NegativeLogLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY
 from rovid.faults.quick_model import first_order, held_torque
 from rovid.trial.axis import YAW
-from rovid.trial.preprocessing import Run
 
 # Time constants in sampling intervals of a filter that an INS may have. Largest number of readings in the test for such
 # a filter, which takes whole runs: the test stays fast.
@@ -127,7 +126,11 @@ def run_wave_test(data: InnovationData, beside: FitResult, wave: Effect | None, 
         return WaveTest(plain, pieces)
     if not with_waves.is_white:
         # Coloured innovations overstate the gain: its scatter over time limits it.
-        bic_gain = min(bic_gain, _supported_gain(with_waves, plain))
+        difference = plain.objective.contributions(plain.x) - with_waves.objective.contributions(with_waves.x)
+        # Gains less than a time constant apart concern the same motion.
+        block = data.blocks_of(data.usual_time)
+        gains: FloatArray = np.bincount(block, weights=difference).astype(np.float64)
+        bic_gain = min(bic_gain, supported_gain(gains[np.bincount(block) > 0]))
     return WaveTest(plain, pieces, with_waves, plain.value - with_waves.value, bic_gain)
 
 
@@ -207,23 +210,17 @@ def _is_sensor_filter(data: InnovationData, plain: FitResult, with_waves: FitRes
     best = fit_coarse(waves, with_waves.x, THRESHOLDS.close_iterations).value
     interval = float(np.median([run.trial.sampling_interval for run in runs]))
     for time_constant in interval * _FILTERS:
-        before, offset = _before_filter(every, time_constant)
+        # The position before the filter, and the sum of ln a_k of the readings.
+        before, offset = [], 0.0
+        for run in runs:
+            used, position = np.flatnonzero(run.trial.measured), run.trial.position.copy()
+            share = -np.expm1(-np.diff(run.trial.time[used]) / time_constant)
+            position[used[1:]] += (1.0 / share - 1.0) * np.diff(position[used])
+            before.append(replace(run, trial=replace(run.trial, position=position)))
+            offset += float(np.log(share).sum())
         if _fit_without_waves(replace(every, runs=before), plain).value + offset < best:
             return True
     return False
-
-
-def _before_filter(data: InnovationData, time_constant: float) -> tuple[list[Run], float]:
-    """Runs with the position before a filter of ``time_constant`` in s, and the sum of ln a_k of their readings."""
-    runs, offset = [], 0.0
-    for run in data.runs:
-        used = np.flatnonzero(run.trial.measured)
-        position = run.trial.position.copy()
-        share = -np.expm1(-np.diff(run.trial.time[used]) / time_constant)
-        position[used[1:]] += (1.0 / share - 1.0) * np.diff(position[used])
-        runs.append(replace(run, trial=replace(run.trial, position=position)))
-        offset += float(np.log(share).sum())
-    return runs, offset
 
 
 class PowerOfWaves(NamedTuple):
@@ -286,17 +283,8 @@ def _power_signals(fitted: FitResult) -> FloatArray:
     return np.asarray((every - every.mean(axis=0)) / np.maximum(every.std(axis=0), 1e-12))
 
 
-def _supported_gain(better: FitResult, plain: FitResult) -> float:
-    """Log-likelihood gain that the scatter of the gain over time supports (Vuong 1989)."""
-    difference: FloatArray = plain.objective.contributions(plain.x) - better.objective.contributions(better.x)
-    # Gains less than a time constant apart concern the same motion.
-    block = plain.data.blocks_of(plain.data.usual_time)
-    gains: FloatArray = np.bincount(block, weights=difference).astype(np.float64)
-    return supported_gain(gains[np.bincount(block) > 0])
-
-
 def supported_gain(gains: FloatArray) -> float:
-    """Gain in nats that the scatter of the (n,) ``gains`` of successive blocks of time supports.
+    """Gain in nats that the scatter of the (n,) ``gains`` of successive blocks of time supports (Vuong 1989).
 
     The variance of the sum includes the autocorrelation between blocks, by Bartlett's weights with the bandwidth of
     Andrews (1991). Its degrees of freedom are 1.5 times the blocks over the bandwidth. Negative autocorrelation does

@@ -209,17 +209,6 @@ def _is_rounded(fitted: FitResult) -> bool:
     return _ROUNDED_SHARE * fitted.objective.position_noise(fitted.x) ** 2 < rounding < np.inf
 
 
-def _kinds(fitted: FitResult) -> list[Effect]:
-    """The kinds that the model lacks, and the other laws of its own effects: nature follows none of them exactly."""
-    data = fitted.data
-    vehicle = data.vehicle or Vehicle(name="", thrusters=(), axis=data.axis)
-    channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
-    kinds = [form for form in forms_for(vehicle, channels) if _counts(form, fitted.effects)]
-    # By the coupled mass of sway and yaw.
-    has_sway = vehicle.thrusters and _SWAY in channels and data.axis.name == "yaw"
-    return [*kinds, *_acceleration(data)] if has_sway else kinds
-
-
 def _counts(form: Effect, own: Sequence[Effect]) -> bool:
     """Whether a model may lack the torque of a ``form``: of a kind, or of another smooth law of its ``own`` effects."""
     if form.key in [effect.key for effect in own]:
@@ -271,7 +260,13 @@ def _smooth_derivative(time: FloatArray, values: FloatArray, width: float) -> Fl
 def _scores(fitted: FitResult) -> _Scores:
     """Scores of the torques of all kinds, and of the effects' parameters beyond a bound at which the fit ended."""
     objective, count = fitted.objective, len(fitted.x)
-    kinds = _kinds(fitted)
+    # The kinds that the model lacks, and the other laws of its own effects: nature follows none of them exactly.
+    data = fitted.data
+    vehicle = data.vehicle or Vehicle(name="", thrusters=(), axis=data.axis)
+    channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
+    kinds = [form for form in forms_for(vehicle, channels) if _counts(form, fitted.effects)]
+    if vehicle.thrusters and _SWAY in channels and data.axis.name == "yaw":
+        kinds += _acceleration(data)  # by the coupled mass of sway and yaw
     objectives = [objective.with_effects((*fitted.effects, kind), objective.mask) for kind in kinds]
     starts = [objective.parametrization.initial_values()[:_STARTS] for objective in objectives]
     chunks = zip(objective.chunks, *(one.chunks for one in objectives), strict=True)

@@ -278,8 +278,16 @@ def analyse_free_decay(model: Model, estimate: Estimate, runs: Sequence[Run], ve
     tilts = [run.trial.position[run.trial.measured] - level for run in runs]
     rms_amplitude = math.sqrt(2.0 * float(np.mean(np.concatenate(tilts) ** 2)))
 
+    values, errors = model.values, np.sqrt(np.diag(estimate.covariance))
+
     def quantity(formula: Callable[[Model], float], unit: str) -> Quantity:
-        return Quantity(value=formula(model), standard_error=_standard_error(formula, model, estimate), unit=unit)
+        # First-order propagation of the estimate's covariance.
+        value, slopes = formula(model), np.zeros(len(values))
+        for at in np.flatnonzero(errors > 0.0):
+            step = np.where(np.arange(len(values)) == at, _STEP * errors, 0.0)
+            slopes[at] = (formula(Model.from_values(values + step, model.axis, model.effects)) - value) / step[at]
+        error = math.sqrt(float(slopes @ estimate.covariance @ slopes))
+        return Quantity(value=value, standard_error=error, unit=unit)
 
     def swing(name: str, amplitude: float, reference: Mapping[str, float]) -> FreeSwing:
         def simulate(changed: Model) -> tuple[float, float]:
@@ -312,16 +320,6 @@ def analyse_free_decay(model: Model, estimate: Estimate, runs: Sequence[Run], ve
             "quadratic_drag": quantity(lambda m: m.quadratic_drag / m.inertia, "1/rad"),
         },
     )
-
-
-def _standard_error(formula: Callable[[Model], float], model: Model, estimate: Estimate) -> float:
-    """Standard error of a function of the model, by first-order propagation of the estimate's covariance."""
-    values, errors = model.values, np.sqrt(np.diag(estimate.covariance))
-    value, slopes = formula(model), np.zeros(len(values))
-    for at in np.flatnonzero(errors > 0.0):
-        step = np.where(np.arange(len(values)) == at, _STEP * errors, 0.0)
-        slopes[at] = (formula(Model.from_values(values + step, model.axis, model.effects)) - value) / step[at]
-    return math.sqrt(float(slopes @ estimate.covariance @ slopes))
 
 
 def _period_and_damping(

@@ -56,20 +56,17 @@ class Parametrization:
         own = _parameters(data, effects)
         low += [parameter.low for parameter in own]
         high += [parameter.high for parameter in own]
-        parametrization = cls(data, effects, np.array(low), np.array(high))
-        parametrization._bound_frequencies()
-        return parametrization
-
-    def _bound_frequencies(self) -> None:
-        """Keep oscillating effects below the Nyquist frequency, and at one cycle in the longest run or more."""
-        longest = max(run.trial.duration for run in self.data.runs)
-        period = min(run.trial.sampling_interval for run in self.data.runs)
-        for at, effect, parameter in self.effect_parameters():
+        found = cls(data, effects, np.array(low), np.array(high))
+        # Oscillating effects stay below the Nyquist frequency, and at one cycle in the longest run or more.
+        cycle = max(run.trial.duration for run in data.runs)
+        period = max(data.interval, min(run.trial.sampling_interval for run in data.runs))
+        for at, effect, parameter in found.effect_parameters():
             if effect.oscillatory and parameter.name == "frequency":
-                unit = self.data.scales.unit_size(parameter)
-                slowest, nyquist = 2.0 * math.pi / longest / unit, math.pi / max(self.data.interval, period) / unit
-                self.high[at] = max(min(self.high[at], nyquist), self.low[at])
-                self.low[at] = min(max(self.low[at], slowest), self.high[at])
+                unit = data.scales.unit_size(parameter)
+                slowest, nyquist = 2.0 * math.pi / cycle / unit, math.pi / period / unit
+                found.high[at] = max(min(found.high[at], nyquist), found.low[at])
+                found.low[at] = min(max(found.low[at], slowest), found.high[at])
+        return found
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:

@@ -235,7 +235,12 @@ class TorqueBalance:
         values, covariance = np.zeros(count), np.zeros((count, count))
         solver = self.solver()
         values[self.free] = solver @ self.torque
-        variance, freedom = self._residual_variance(values)
+        # The variance of the normalised residuals; 1 by known errors.
+        variance, freedom = (1.0 if self.error_known else math.nan), math.inf
+        if self.degrees_of_freedom > 0:
+            scatter = self.chi2(values) / self.degrees_of_freedom
+            if not self.error_known or scatter > 1.0:
+                variance, freedom = scatter, float(self.degrees_of_freedom)
         scaled = solver * self.error
         covariance[np.ix_(self.free, self.free)] = scaled @ scaled.T * variance
         return WlsSolution(values, covariance, freedom)
@@ -246,15 +251,6 @@ class TorqueBalance:
         # Normalised columns make the cut-off of the pseudo-inverse independent of units.
         scale = np.linalg.norm(weighted, axis=0)
         return np.asarray(np.linalg.pinv(weighted / scale) / scale[:, None] / self.error)
-
-    def _residual_variance(self, values: FloatArray) -> tuple[float, float]:
-        """Variance of the normalised residuals and its degrees of freedom; 1 and infinity by known errors."""
-        if self.degrees_of_freedom <= 0:
-            return (1.0 if self.error_known else math.nan), math.inf
-        scatter = self.chi2(values) / self.degrees_of_freedom
-        if self.error_known and scatter <= 1.0:
-            return 1.0, math.inf
-        return scatter, float(self.degrees_of_freedom)
 
     def leave_one_out(self) -> FloatArray:
         """(k, 3) quadratic and linear drag without each steady state, and the residual of its torque in N m.

@@ -50,11 +50,6 @@ class Intervals:
         """Size in bytes."""
         return sum(series.nbytes for series in (self.indices, self.lengths, self.midpoints, self.durations, self.ends))
 
-    @property
-    def last_indices(self) -> IntArray:
-        """(t,) index of each trial's last interval."""
-        return self.offsets[1:] - 1
-
 
 @dataclass(frozen=True, eq=False)
 class TorqueInput:
@@ -98,7 +93,7 @@ class TorqueInput:
         impulse_variance: FloatArray | None = None,
     ) -> Self:
         """Averages over ``intervals`` of (n,) values that are held from each instant to the next."""
-        last = intervals.last_indices
+        last = intervals.offsets[1:] - 1
         area, first_moment = _integrals(intervals.indices, intervals.lengths, intervals.midpoints, torque)
         mean = area / intervals.durations
         timing_moment = area * intervals.ends - first_moment - 0.5 * area * intervals.durations

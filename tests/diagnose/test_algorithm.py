@@ -27,7 +27,6 @@ from rovid.estimate.fit_result import FitResult
 from rovid.estimate.output_error import fit_output_error
 from rovid.trial.preprocessing import PreparedRuns
 from tests import synthetic
-from tests.conftest import slow
 from tests.core.test_budget import Clock
 from tests.predictions import NOISE, TIME, TORQUE
 
@@ -239,9 +238,7 @@ def looks_in_all() -> int:
     return int(budget.used)
 
 
-@pytest.mark.parametrize("share", [slow(0.0), 0.1, slow(0.3), slow(0.6)])
-def test_what_is_found_in_part_of_the_time_is_likely_at_most(looks_in_all: int, share: float) -> None:
-    diagnosis, budget = diagnosed_until(1.0 + share * looks_in_all)
+def assert_nothing_is_established(diagnosis: Diagnosis, budget: Budget) -> None:
     assert budget.not_tried
     assert diagnosis.findings == ()
     for suspect in diagnosis.suspects:
@@ -249,6 +246,19 @@ def test_what_is_found_in_part_of_the_time_is_likely_at_most(looks_in_all: int, 
         assert suspect.probability < THRESHOLDS.established
     if diagnosis.verdict != "too_little_data":
         assert any("budget" in warning for warning in diagnosis.warnings)
+
+
+def test_a_budget_that_ends_early_establishes_nothing() -> None:
+    diagnosis, budget = diagnosed_until(20.0)
+    assert_nothing_is_established(diagnosis, budget)
+    assert budget.used < 200.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.6])
+def test_what_is_found_in_part_of_the_time_is_likely_at_most(looks_in_all: int, share: float) -> None:
+    diagnosis, budget = diagnosed_until(1.0 + share * looks_in_all)
+    assert_nothing_is_established(diagnosis, budget)
     # After the end the clock is looked at a few times more, not by each of many fits.
     assert budget.used < 1.0 + share * looks_in_all + 0.6 * looks_in_all
 
