@@ -146,13 +146,18 @@ def test_a_cause_that_the_stated_errors_leave_open_is_a_suspect(
     assert any("only 3.0 of the standard errors that include what the model lacks" in one for one in told.warnings)
 
 
-@pytest.mark.parametrize(("is_beaten", "lacks"), [(False, True), (True, True), (True, False)])
+@pytest.mark.parametrize(
+    ("is_beaten", "lacks", "product"),
+    [(False, True, False), (True, True, False), (True, False, True), (True, False, False)],
+)
 def test_a_cause_that_a_formula_beats_is_a_suspect(
-    selection: Selection, monkeypatch: pytest.MonkeyPatch, *, is_beaten: bool, lacks: bool
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, *, is_beaten: bool, lacks: bool, product: bool
 ) -> None:
-    """A model that lacks no torque is not challenged."""
+    """A model that lacks no torque, and no product of signals, is not challenged."""
 
     class Search:
+        lacks_product = product
+
         def __init__(self, *_: object) -> None: ...
 
         def rival(self) -> Any:
@@ -162,9 +167,10 @@ def test_a_cause_that_a_formula_beats_is_a_suspect(
     monkeypatch.setattr(search, "lacks_torque", lambda _: lacks)
     problem: Any = None
     told = conclude(search.doubt_stand_ins(problem, replace(selection, multi_step=False)), ())
-    assert [one.effect.id for one in told.findings] == ["bias_torque"] * (not (is_beaten and lacks))
-    assert [one.effect.id for one in told.suspects] == ["bias_torque"] * (is_beaten and lacks)
-    assert any("A formula of rate and roll predicts" in one for one in told.warnings) is (is_beaten and lacks)
+    is_doubted = is_beaten and (lacks or product)
+    assert [one.effect.id for one in told.findings] == ["bias_torque"] * (not is_doubted)
+    assert [one.effect.id for one in told.suspects] == ["bias_torque"] * is_doubted
+    assert any("A formula of rate and roll predicts" in one for one in told.warnings) is is_doubted
 
 
 @pytest.mark.parametrize("has_cause", [True, False])
