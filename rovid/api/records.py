@@ -30,11 +30,10 @@ from rovid.preflight.check import LogCheck
 from rovid.preflight.planar_check import PlanarCheck
 from rovid.present.console import show_caution, show_faults, show_warnings
 from rovid.present.documents import diagnosis as diagnoses
-from rovid.present.documents import fits, planar, results
+from rovid.present.documents import fits, results
 from rovid.present.tables.trials import simulation_table
 from rovid.present.terminal import check as show_checks
 from rovid.present.terminal import diagnosis as show_diagnoses
-from rovid.present.terminal import planar as show_planar
 from rovid.present.terminal import results as show_results
 from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy, with_fit
@@ -52,11 +51,11 @@ if TYPE_CHECKING:
 # Type of a result -> the document that its command prints with --json, and what it prints without.
 PRINTED: Mapping[type, tuple[Callable[..., dict[str, Any]], Callable[..., None]]] = {
     LogCheck: (results.check_document, show_checks.show_check),
-    PlanarCheck: (planar.planar_check_document, show_checks.show_check),
+    PlanarCheck: (results.planar_check_document, show_checks.show_check),
     **dict.fromkeys((DragFit, InertiaFit, LikelihoodFit), (fits.fit_document, show_results.show_fit)),
-    PlanarFit: (planar.planar_fit_document, show_planar.show_planar_fit),
+    PlanarFit: (fits.planar_fit_document, show_results.show_planar_fit),
     Diagnosis: (diagnoses.diagnosis_document, show_diagnoses.show_study_diagnosis),
-    PlanarDiagnosis: (planar.planar_diagnosis_document, show_planar.show_planar_diagnosis),
+    PlanarDiagnosis: (diagnoses.planar_diagnosis_document, show_diagnoses.show_planar_diagnosis),
 }
 _CAUSE_KEYS = ["effect", "evidence", "confidence", "log_likelihood_gain", "held_out_log_likelihood_gain"]
 
@@ -116,7 +115,7 @@ def simulation_record(
         coupled = study.model(stored)
         runs = coupled_runs = study.simulate(coupled)
         found = run_manoeuvres(coupled, study.data)
-        document = planar.planar_simulation_document(stored, coupled_runs, warnings, guess, found)
+        document = results.planar_simulation_document(stored, coupled_runs, warnings, guess, found)
     elif logs.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
     else:
@@ -127,7 +126,7 @@ def simulation_record(
 
     def show(console: Console) -> None:
         if isinstance(study, PlanarStudy):
-            show_planar.show_planar_simulation(console, coupled_runs, guess, warnings)
+            show_results.show_planar_simulation(console, coupled_runs, guess, warnings)
             return
         show_caution(console, guess)
         show_faults(console, logs.faults)

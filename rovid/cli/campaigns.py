@@ -117,8 +117,8 @@ def _compare_planar(given: list[Path], shared: SharedOptions, matters: float) ->
     if not given:
         raise ConfigError("no campaign was given.", mend="Give one or two folders of logs or parameter files.")
     from rovid.compare.comparison import compare_planar, planar_campaigns
-    from rovid.present.documents.planar import planar_comparison_document
-    from rovid.present.terminal.planar import show_planar_comparison
+    from rovid.present.documents.diagnosis import planar_comparison_document
+    from rovid.present.terminal.diagnosis import show_planar_comparison
 
     notes: list[str] = []
     if len(given) == 1:

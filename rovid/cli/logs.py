@@ -23,7 +23,7 @@ def init(
     from rovid.preflight.config_writer import write_config
     from rovid.preflight.log_survey import SurveyOptions, config_output, survey
     from rovid.present.documents.results import survey_document
-    from rovid.present.terminal.results import show_survey
+    from rovid.present.terminal.check import show_survey
 
     planar = context.is_planar(shared)
     # An existing file is an error before the logs are read.

@@ -301,8 +301,8 @@ def _plan_planar(
     """Design the next run of surge, sway and yaw together."""
     from rovid.core.output_files import PLAN, OutputFile
     from rovid.estimate.experiment_design import command_csv
-    from rovid.present.documents.planar import planar_plan_document
-    from rovid.present.terminal.planar import show_planar_plan
+    from rovid.present.documents.results import planar_plan_document
+    from rovid.present.terminal.results import show_planar_plan
     from rovid.store.planar_study import planar_effect
 
     stored = context.parameters_at(shared, planar=True)

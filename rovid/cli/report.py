@@ -47,7 +47,7 @@ def report(
     choices: dict[str, Any] = {"diagnosed": diagnosis, "budget": shared.budget, "pdf": pdf, "journal": widths}
     choices["force"] = shared.force
     if planar:
-        from rovid.present.documents.planar import AXES_DOCUMENT, measures_document
+        from rovid.present.documents.fits import AXES_DOCUMENT, measures_document
         from rovid.present.page.planar import build_planar_report
 
         session = open_planar_session(logs, shared)

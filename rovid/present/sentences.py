@@ -60,6 +60,11 @@ def cause_title(effect_id: str) -> str:
     return titles.get(effect_id, effect_id)
 
 
+def cause_titles(effect_ids: Sequence[str]) -> str:
+    """The titles of several effects in words."""
+    return join_words(list(map(cause_title, effect_ids)))
+
+
 def cause_name(finding: Finding) -> str:
     """A cause by name, with the causes that the data do not distinguish from it."""
     effects = (finding.effect, *finding.indistinguishable)

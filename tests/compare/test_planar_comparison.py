@@ -13,7 +13,7 @@ import pytest
 from rovid.compare.comparison import PlanarCampaign, compare_planar
 from rovid.diagnose.result import Finding
 from rovid.effects import effect_named
-from rovid.present.documents.planar import planar_comparison_document
+from rovid.present.documents.diagnosis import planar_comparison_document
 from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.trial.axis import PLANAR

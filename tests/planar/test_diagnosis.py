@@ -19,7 +19,7 @@ from rovid.planar.diagnosis import _agreeing, _contradicted, diagnose_planar
 from rovid.planar.held_out import Gate, HeldOut
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
-from rovid.present.documents.planar import next_planar_experiment
+from rovid.present.documents.diagnosis import next_planar_experiment
 from rovid.trial.trial import Campaign
 from tests.planar.vehicles import box_rov, campaign
 

@@ -1,19 +1,23 @@
-"""Diagnosis and comparison as JSON."""
+"""Diagnoses and comparisons as JSON, of one axis and of the coupled model."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 from rovid.compare.comparison import Comparison, CrossPrediction
+from rovid.compare.planar_comparison import PlanarCampaign, PlanarComparison
 from rovid.diagnose import result
 from rovid.diagnose.log_rivals import coupled_causes
 from rovid.diagnose.signal_regressors import signal_name
 from rovid.diagnose.tables import TableDiagnosis
-from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import unit_of, without_form
+from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
+from rovid.planar.trial_simulation import SENSOR_UNITS
 from rovid.present.documents import fits
 from rovid.present.sentences import change_sentence, document_key, other_causes
 from rovid.present.tables.diagnosis import inertia_ratios
+from rovid.store.planar_study import PlanarStudy, open_combinations
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
@@ -23,30 +27,24 @@ from rovid.trial.fault import Fault
 def diagnosis_document(diagnosis: result.Diagnosis, study: Study) -> fits.Document:
     """The document of `rovid diagnose --json`."""
     axis = study.vehicle.axis
-    shown = "deg" if axis.angular else "m"
-    names = [signal_name(signal) for signal, _ in diagnosis.signals]
+    shown, horizons, signals = "deg" if axis.angular else "m", [], []
+    for errors in diagnosis.horizons:
+        sides = {f"base_{shown}": errors.base, f"extended_{shown}": errors.extended}
+        horizons.append({"seconds": errors.seconds} | {side: axis.to_display(error) for side, error in sides.items()})
+    for signal, gain in diagnosis.signals:
+        signals.append({"signal": signal_name(signal), "acts_as": signal.form, "log_likelihood_gain": gain})
     document = {
         "schema": "rovid-diagnosis/1",
         **fits.axis_document(axis),
         **conclusion_document(diagnosis, axis),
         "base": _assessment(diagnosis.base, axis),
-        "horizons": [
-            {
-                "seconds": errors.seconds,
-                f"base_{shown}": axis.to_display(errors.base),
-                f"extended_{shown}": axis.to_display(errors.extended),
-            }
-            for errors in diagnosis.horizons
-        ],
+        "horizons": horizons,
         "extended": _assessment(diagnosis.extended, axis),
         "held_out_gain": _held_out_gain(diagnosis, axis),
         "unexplained": {
             "share_of_torque_variance": diagnosis.unexplained_share,
-            "depends_on": list(dict.fromkeys(names)),
-            "signals": [
-                {"signal": name, "acts_as": signal.form, "log_likelihood_gain": gain}
-                for name, (signal, gain) in zip(names, diagnosis.signals, strict=True)
-            ],
+            "depends_on": list(dict.fromkeys(signal["signal"] for signal in signals)),
+            "signals": signals,
         },
         "not_identifiable": list(result.not_identifiable(study.vehicle, diagnosis)),
         "next_experiment": result.next_experiment(diagnosis) | {"needed": not diagnosis.is_settled},
@@ -75,11 +73,10 @@ def conclusion_document(diagnosis: result.Conclusion, axis: Axis = YAW) -> fits.
         # Effect and parameter -> the smallest size that would have been found; None where no size would.
         key = f"{effect.id}.{effect.parameters[0].name}"
         detectable[key] = fits.value_document(size if math.isfinite(size) else None, unit)
-    challengers = [
-        {"effects": list(one.causes), "faults": list(one.faults)}
-        | fits.fields(one, "log_likelihood_difference", "price_difference")
-        for one in diagnosis.challengers
-    ]
+    challengers = []
+    for one in diagnosis.challengers:
+        differences = fits.fields(one, "log_likelihood_difference", "price_difference")
+        challengers.append({"effects": list(one.causes), "faults": list(one.faults)} | differences)
     return {
         "verdict": diagnosis.verdict,
         "findings": list(map(finding_document, diagnosis.findings)),
@@ -93,15 +90,13 @@ def conclusion_document(diagnosis: result.Conclusion, axis: Axis = YAW) -> fits.
 
 def _table_diagnosis(diagnosis: TableDiagnosis) -> fits.Document:
     """Predictions of the plain model, and the effects that would or would not explain the tables alone."""
-    predictions = [
-        fits.fields(row, "trial", "inertia", inertia_method="method")
-        | {"peak_yaw_rate": fits.fields(row, "measured", "predicted") | {"unit": "rad/s"}}
-        for row in diagnosis.predictions
-    ]
-    explanations = []
+    predictions, explanations = [], []
+    for row in diagnosis.predictions:
+        rates = fits.fields(row, "measured", "predicted") | {"unit": "rad/s"}
+        predictions.append(fits.fields(row, "trial", "inertia", inertia_method="method") | {"peak_yaw_rate": rates})
     for cause in diagnosis.causes:
         effect = cause.model.effects[0]
-        explanation = {
+        document = {
             "effect": effect.id,
             "form": effect.form or None,
             "parameters": {name: fits.value_document(value, unit) for name, (value, unit) in cause.sizes.items()},
@@ -109,7 +104,7 @@ def _table_diagnosis(diagnosis: TableDiagnosis) -> fits.Document:
             "chance_of_the_misfit": None if math.isnan(cause.p_value) else cause.p_value,
             "deciding_experiment": effect.experiment,
         }
-        explanations.append(explanation)
+        explanations.append(document)
     return {
         "predictions": predictions,
         "plain_model_explains": diagnosis.without_effect.explains,
@@ -124,7 +119,7 @@ def _assessment(side: result.ModelAssessment | None, axis: Axis) -> fits.Documen
         return None
     held_out = side.held_out
     return {
-        "parameters": _without_forms(side.estimate),
+        "parameters": _without_forms(fits.parameter_document(side.estimate)),
         "held_out": {
             "log_likelihood": held_out.log_likelihood,
             f"{axis.rate_signal}_r2": held_out.rate_r2,
@@ -135,21 +130,19 @@ def _assessment(side: result.ModelAssessment | None, axis: Axis) -> fits.Documen
     }
 
 
-def _without_forms(estimate: Estimate) -> fits.Document:
+def _without_forms(parameters: fits.Document) -> fits.Document:
     """The parameters, named by effects without their forms."""
-    return {without_form(name): value for name, value in fits.parameter_document(estimate).items()}
+    return {without_form(name): value for name, value in parameters.items()}
 
 
 def finding_document(finding: result.Finding) -> fits.Document:
     """A cause with its parameters, its evidence and its rivals."""
     effect = finding.effect
-    # Without the effect's name before that of the parameter.
-    parameters = {name.rpartition(".")[2]: value for name, value in _without_forms(finding.estimate).items()}
-    others = other_causes(finding)
+    others, parameters = other_causes(finding), fits.parameter_document(finding.estimate)
     return {
         "effect": effect.id,
         "form": effect.form or None,
-        "parameters": parameters,
+        "parameters": {name.rpartition(".")[2]: value for name, value in parameters.items()},
         **fits.fields(finding, "held_out_gain", "standard_errors", "evidence", log_likelihood_gain="bic_gain"),
         "held_out_log_likelihood_gain": finding.held_out_gain,
         "runner_up": {"effect": others[0].effect.id, "gain": others[0].bic_gain} if others else None,
@@ -184,11 +177,16 @@ def _held_out_gain(diagnosis: result.Diagnosis, axis: Axis) -> fits.Document | N
 
 def comparison_document(comparison: Comparison, guess: Assumptions, warnings: Sequence[str]) -> fits.Document:
     """The document of `rovid compare --json`."""
-    axis, changes = comparison.a.axis, comparison.changes
-    ratios = {}
-    for symbols, (of_a, of_b), (over, error), unit in inertia_ratios(comparison):
-        sides = {"a": fits.value_document(of_a[0], unit, of_a[1]), "b": fits.value_document(of_b[0], unit, of_b[1])}
-        ratios[symbols] = {**sides, "ratio": over, "standard_error": error}
+    axis, changes, ratios, changed = comparison.a.axis, comparison.changes, {}, []
+    for symbols, sides, (over, error), unit in inertia_ratios(comparison):
+        ratios[symbols] = _sides(sides, unit) | {"ratio": over, "standard_error": error}
+    for change in changes.changes:
+        parameters = list(map(document_key, change.candidate.parameters))
+        document = {"what": change.candidate.name, "parameters": parameters}
+        document |= fits.fields(change, "ratio", "standard_error", "confidence", log_likelihood_gain="bic_score")
+        document |= fits.fields(change, "established", "standard_errors", "evidence")
+        document["cannot_be_told_from"] = [other.name for other in change.indistinguishable]
+        changed.append(document | {"words": change_sentence(comparison, change)})
     return {
         "schema": "rovid-comparison/1",
         **fits.axis_document(axis),
@@ -196,17 +194,7 @@ def comparison_document(comparison: Comparison, guess: Assumptions, warnings: Se
         "campaigns": {"a": comparison.a.name, "b": comparison.b.name},
         "parameters": _compared_parameters(comparison, guess),
         "changed": list(map(document_key, comparison.changed)),
-        "changes": [
-            {
-                "what": change.candidate.name,
-                "parameters": list(map(document_key, change.candidate.parameters)),
-                **fits.fields(change, "ratio", "standard_error", "confidence", log_likelihood_gain="bic_score"),
-                **fits.fields(change, "established", "standard_errors", "evidence"),
-                "cannot_be_told_from": [other.name for other in change.indistinguishable],
-                "words": change_sentence(comparison, change),
-            }
-            for change in changes.changes
-        ],
+        "changes": changed,
         "causes": {"a": list(comparison.causes[0]), "b": list(comparison.causes[1])},
         "of_the_day": list(comparison.transient_causes),
         "ratios": ratios,
@@ -218,8 +206,7 @@ def comparison_document(comparison: Comparison, guess: Assumptions, warnings: Se
         "matters": comparison.relevant_change,
         "open": list(comparison.open_questions),
         "not_identifiable": list(result.NEVER_IDENTIFIABLE),
-        **fits.guess_document(guess),
-        "warnings": fits.all_warnings(guess, [*comparison.warnings, *warnings]),
+        **fits.closing_document(guess, [*comparison.warnings, *warnings]),
     }
 
 
@@ -231,28 +218,26 @@ def _compared_parameters(comparison: Comparison, guess: Assumptions) -> fits.Doc
         unit = pair.units[place]
         ratio, ratio_error = changes.ratio(name) or (None, None)
         difference, difference_error = changes.difference(name)
-        separate, joint = (
-            {side: fits.value_document(value, unit, error) for side, (value, error) in zip("ab", values, strict=True)}
-            for values in (changes.separate_values(name), changes.joint_values(name))
-        )
         document[document_key(name)] = {
-            **separate,
+            **_sides(changes.separate_values(name), unit),
             "ratio": ratio,
             "standard_error": ratio_error,
             "difference": fits.value_document(difference, unit, difference_error),
             "confidence": changes.probabilities[name],
-            "together": joint,
+            "together": _sides(changes.joint_values(name), unit),
         }
         if guess.is_placeholder(unit):
             document[document_key(name)]["placeholder"] = True
     for change in changes.changes:
         if change.candidate.inverse:
-            document[change.candidate.name] = {
-                "a": fits.value_document(1.0, "1", 0.0),
-                "b": fits.value_document(change.ratio, "1", change.standard_error),
-                **fits.fields(change, "ratio", "standard_error", "confidence"),
-            }
+            sides = _sides(((1.0, 0.0), (change.ratio, change.standard_error)), "1")
+            document[change.candidate.name] = sides | fits.fields(change, "ratio", "standard_error", "confidence")
     return document
+
+
+def _sides(values: Sequence[tuple[float, float]], unit: str) -> fits.Document:
+    """A value and its standard error in both campaigns."""
+    return {side: fits.value_document(value, unit, error) for side, (value, error) in zip("ab", values, strict=True)}
 
 
 def _cross_prediction(prediction: CrossPrediction | None, axis: Axis) -> fits.Document:
@@ -261,3 +246,121 @@ def _cross_prediction(prediction: CrossPrediction | None, axis: Axis) -> fits.Do
     if prediction is None:
         return dict.fromkeys(names)
     return fits.fields(prediction, **names) | fits.position_errors(prediction.position_errors, axis)
+
+
+def planar_diagnosis_document(diagnosis: PlanarDiagnosis, study: PlanarStudy) -> fits.Document:
+    """The document of `rovid diagnose --axes planar --json`; angles in rad."""
+    guess, horizons = study.vehicle.assumptions, []
+    final = diagnosis.extended or diagnosis.base
+    if diagnosis.base is not None and diagnosis.extended is not None:
+        extended = diagnosis.extended.held_out.heading_errors
+        for seconds, error in diagnosis.base.held_out.heading_errors.items():
+            if seconds in extended:
+                sides = {"base_deg": math.degrees(error), "extended_deg": math.degrees(extended[seconds])}
+                horizons.append({"seconds": seconds} | sides)
+    return {
+        "schema": "rovid-diagnosis/1",
+        **fits.AXES_DOCUMENT,
+        **conclusion_document(diagnosis),
+        "base": _planar_assessment(diagnosis.base),
+        "horizons": horizons,
+        "extended": _planar_assessment(diagnosis.extended),
+        "held_out_gain": _planar_held_out_gain(diagnosis),
+        "unexplained": {"share_of_variance": dict(diagnosis.unexplained_shares), "depends_on": []},
+        "undetermined": [] if final is None else fits.undetermined_document(open_combinations(final.fit)),
+        "not_identifiable": ["thrust_scale", *(() if final is None else final.fit.estimate.refused)],
+        "next_experiment": next_planar_experiment(diagnosis) | {"needed": not diagnosis.is_settled},
+        **fits.guess_document(guess),
+        **fits.notes_document(guess, study.logs.faults, [*study.remarks(), *diagnosis.warnings]),
+    }
+
+
+def next_planar_experiment(diagnosis: PlanarDiagnosis) -> dict[str, Any]:
+    """The next run: one that separates causes, else one that shows an open combination, a cause or nothing new."""
+    first = result.first_experiment(diagnosis)
+    if first is not None:
+        return first
+    final = diagnosis.extended or diagnosis.base
+    if final is None:
+        run = "steps and sines of surge, sway and yaw, turning circles both ways, and coast-downs to rest"
+        return {"run": run, "reason": "they excite all parameters and effects of the model"}
+    if undetermined := final.fit.undetermined:
+        run = "the same commands with thrust along the axis that these logs do not excite, on four headings"
+        return {"run": run, "reason": undetermined[0].text}
+    for finding in (*diagnosis.suspects, *diagnosis.findings):
+        return {"run": finding.effect.experiment, "reason": f"it shows {finding.effect.title} by itself"}
+    run = "turning circles and zigzags at several speeds, on four headings"
+    return {"run": run, "reason": "nothing is missing; turns at speed show couplings and currents first"}
+
+
+def _planar_assessment(side: PlanarAssessment | None) -> fits.Document | None:
+    """A model's parameters, and its errors on held-out trials."""
+    if side is None:
+        return None
+    scores = side.held_out
+    units = {f"{speed}_rmse": SENSOR_UNITS[speed] for speed in scores.rmse} | {"heading_error": "rad"}
+    return {
+        "parameters": _without_forms(fits.planar_parameters(side.fit.estimate)),
+        "undetermined": fits.undetermined_document(open_combinations(side.fit)),
+        **fits.prior_document(side.fit),
+        "held_out": {
+            "log_likelihood": scores.log_likelihood,
+            **{f"{speed}_rmse": error for speed, error in scores.rmse.items()},
+            **fits.by_horizon("heading_error", scores.heading_errors),
+            "units": units,
+        },
+    }
+
+
+def _planar_held_out_gain(diagnosis: PlanarDiagnosis) -> fits.Document | None:
+    """Errors of both models on held-out trials; None where one of the models is missing."""
+    if diagnosis.base is None or diagnosis.extended is None:
+        return None
+    one, other = diagnosis.base.held_out, diagnosis.extended.held_out
+    document: fits.Document = {}
+    for speed, error in one.rmse.items():
+        floor = diagnosis.noise_floors.get(speed)
+        document[f"{speed}_rmse"] = _pair(error, other.rmse.get(speed), SENSOR_UNITS[speed], floor)
+    for horizon, error in one.heading_errors.items():
+        floor = diagnosis.heading_floors.get(horizon)
+        document[f"heading_error_{horizon:.0f}s"] = _pair(error, other.heading_errors.get(horizon), "rad", floor)
+    document["log_likelihood"] = _pair(one.log_likelihood, other.log_likelihood, "1", None)
+    return document
+
+
+def _pair(before: float, after: float | None, unit: str, floor: float | None) -> fits.Document:
+    return {"base": before, "extended": after, "noise_floor": floor, "unit": unit}
+
+
+def _suspects(campaign: PlanarCampaign) -> list[fits.Document]:
+    return [{"effect": one.effect.id, "confidence": one.probability} for one in campaign.suspects]
+
+
+def planar_comparison_document(comparison: PlanarComparison, warnings: Sequence[str]) -> fits.Document:
+    """The document of `rovid compare --axes planar --json`."""
+    guess = comparison.assumptions
+    parameters = {}
+    for change in comparison.changes:
+        document = _sides([(one.value, one.standard_error) for one in (change.a, change.b)], change.a.unit)
+        document |= fits.without_nan(fits.fields(change, "ratio", "standard_error"))
+        if math.isfinite(change.difference):
+            document["difference"] = change.difference
+        parameters[change.name] = document | {"confidence": change.confidence} | fits.sname_document(change.name)
+    predictions = {}
+    for (model, runs), measures in comparison.predictions.items():
+        predictions[f"{model}_on_{runs}"] = fits.planar_measures(measures, "r2", "rmse")
+    return {
+        "schema": "rovid-comparison/1",
+        **fits.AXES_DOCUMENT,
+        "verdict": comparison.verdict,
+        "campaigns": {"a": comparison.a.name, "b": comparison.b.name},
+        "parameters": parameters,
+        "changed": comparison.changed,
+        "causes": {"a": comparison.a.parameters.effects, "b": comparison.b.parameters.effects},
+        "open": comparison.open_questions,
+        "suspects": {"a": _suspects(comparison.a), "b": _suspects(comparison.b)},
+        "prediction": predictions,
+        "smallest_seen": dict(comparison.detectable),
+        "not_identifiable": ["thrust_scale"],
+        **fits.closing_document(guess, warnings),
+    }

@@ -1,5 +1,6 @@
-"""Estimates as JSON: drag, inertia, likelihood fits and thrust curves."""
+"""Estimates as JSON: drag, inertia, likelihood fits, the coupled model and thrust curves."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -13,9 +14,16 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.oscillation_tests import analyse_free_decay
 from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.steady_points import SteadyPoint
-from rovid.model.parameter_names import effect_ids
-from rovid.model.simulation import HORIZONS
+from rovid.model.parameter_names import effect_ids, unit_of
+from rovid.model.simulation import HORIZONS, FitMeasures
+from rovid.planar.coordinates import Undetermined
+from rovid.planar.fit import PlanarFit
+from rovid.planar.manoeuvres import Measures
 from rovid.planar.model import SNAME
+from rovid.planar.standard_manoeuvres import model_manoeuvres
+from rovid.planar.trial_simulation import SENSOR_UNITS
+from rovid.store.parameter_file import OpenCombination
+from rovid.store.planar_study import PlanarStudy, open_combinations
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
@@ -23,8 +31,8 @@ from rovid.trial.fault import Fault, fault_texts
 from rovid.trial.preprocessing import PreparedRuns
 
 Document = dict[str, Any]
-# Parameters of effects that are SNAME (1950) derivatives: the parameter is the negative of the derivative.
-_EFFECT_SNAMES = {
+# Parameter -> SNAME (1950) derivative, of which it is the negative.
+SNAMES = SNAME | {
     "sway_yaw_damping.yaw_by_sway": "N_v",
     "sway_yaw_damping.sway_by_yaw": "Y_r",
     "sway_yaw_damping:lift.yaw_by_sway": "N_uv",
@@ -42,6 +50,11 @@ def value_document(value: float | None, unit: str, error: float | None = None) -
 def estimate_document(estimate: Estimate, name: str, unit: str | None = None) -> Document:
     """A parameter of an estimate with its standard error."""
     return value_document(estimate.value(name), unit or estimate.unit(name), estimate.standard_error(name))
+
+
+def without_nan(values: Mapping[str, Any]) -> Document:
+    """The values, with None in place of NaN, which JSON does not have."""
+    return {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
 
 
 def fields(source: object, *names: str, **renamed: str) -> Document:
@@ -63,15 +76,9 @@ def parameter_document(estimate: Estimate) -> Document:
     return document
 
 
-def derivative_name(name: str) -> str:
-    """The SNAME derivative of a parameter; empty where it has none."""
-    return SNAME.get(name) or _EFFECT_SNAMES.get(name, "")
-
-
 def sname_document(name: str) -> Document:
     """The SNAME derivative of a parameter; empty where it has none."""
-    derivative = derivative_name(name)
-    return {"sname": derivative} if derivative else {}
+    return {"sname": SNAMES[name]} if name in SNAMES else {}
 
 
 def guess_document(guess: Assumptions) -> Document:
@@ -84,6 +91,11 @@ def all_warnings(guess: Assumptions, warnings: Sequence[str]) -> list[str]:
     return [*filter(None, [guess.caution]), *warnings]
 
 
+def closing_document(guess: Assumptions, warnings: Sequence[str]) -> Document:
+    """Guesses and warnings, with which most documents end."""
+    return guess_document(guess) | {"warnings": all_warnings(guess, warnings)}
+
+
 def axis_document(axis: Axis) -> Document:
     """The axis; empty for yaw."""
     return {} if axis is YAW else {"axis": axis.name}
@@ -91,7 +103,12 @@ def axis_document(axis: Axis) -> Document:
 
 def position_errors(errors: Mapping[float, Any], axis: Axis) -> Document:
     """Position errors with their horizons as keys."""
-    return {f"{axis.position_signal}_error_{horizon:.0f}s": error for horizon, error in errors.items()}
+    return by_horizon(f"{axis.position_signal}_error", errors)
+
+
+def by_horizon(name: str, errors: Mapping[float, Any]) -> Document:
+    """Errors with the horizons in their keys."""
+    return {f"{name}_{seconds:.0f}s": error for seconds, error in errors.items()}
 
 
 def simulation_units(axis: Axis) -> Document:
@@ -110,7 +127,7 @@ def fit_document(fit: DragFit | InertiaFit | LikelihoodFit, study: Study) -> Doc
         "log_likelihood": None,
         "not_identifiable": [*["thrust_scale"] * (not study.vehicle.thrust_scale_error), *estimate.refused],
         **axis_document(estimate.axis),
-        "filter": None if study.runs is None else _filter_document(study.runs),
+        "filter": _filter_document(study.runs),
         "ratios": {ratio.name: value_document(ratio.value, ratio.unit, ratio.standard_error) for ratio in ratios},
     }
     if isinstance(fit, DragFit):
@@ -146,8 +163,10 @@ def fault_documents(faults: Sequence[Fault]) -> list[Document]:
     return documents
 
 
-def _filter_document(runs: PreparedRuns) -> Document:
-    """Cut-off frequency, and standard deviations of the filtered sensor noise."""
+def _filter_document(runs: PreparedRuns | None) -> Document | None:
+    """Cut-off frequency, and standard deviations of the filtered sensor noise; None without logs."""
+    if runs is None:
+        return None
     measured, rate, acceleration = runs.noise()
     axis = runs.axis
     document: Document = {"cutoff_hz": runs.cutoff, "cutoff_chosen_from_data": runs.chosen}
@@ -278,3 +297,61 @@ def bench_document(fit: ThrustCurveFit, output: str) -> Document:
         "unit": "N",
         "readings": [{"command": c, "thrust": t, "residual": r} for c, t, r in readings],
     }
+
+
+AXES_DOCUMENT = {"axes": "planar"}
+
+
+def planar_parameters(estimate: Estimate) -> Document:
+    """Each determined parameter with value, standard error, unit, 95 % interval and SNAME derivative."""
+    document = parameter_document(estimate)
+    return {name: entry | sname_document(name) for name, entry in document.items()}
+
+
+def undetermined_document(combinations: Sequence[OpenCombination | Undetermined]) -> list[Document]:
+    """Combinations of parameters that the logs do not determine."""
+    return [{"combination": dict(one.combination), "text": one.text} for one in combinations]
+
+
+def prior_document(fit: PlanarFit) -> Document:
+    """The prior, and the combinations that it determines and the logs do not; empty without a prior."""
+    if not fit.prior.values:
+        return {}
+    values = {
+        name: value_document(one.value, unit_of(name), one.standard_error) | {"source": one.source}
+        for name, one in fit.prior.values.items()
+    }
+    return {"prior": values, "only_by_prior": undetermined_document(fit.prior.only_by_prior)}
+
+
+def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
+    """The document of `rovid fit --axes planar --json`."""
+    estimate, disturbance = fit.estimate, {}
+    for axis, (size, time) in fit.disturbance.items():
+        times = {"correlation_time": value_document(time, "s"), "at_limit": axis in fit.at_limit}
+        disturbance[axis] = value_document(size, "N m" if axis == "yaw" else "N") | times
+    return shared_fit_document(estimate, study.logs) | {
+        **AXES_DOCUMENT,
+        "parameters": planar_parameters(estimate),
+        "undetermined": undetermined_document(open_combinations(fit)),
+        **prior_document(fit),
+        "log_likelihood": fit.log_likelihood,
+        "not_identifiable": ["thrust_scale", *estimate.refused],
+        "noise": {sensor: value_document(size, SENSOR_UNITS[sensor]) for sensor, size in fit.noise.items()},
+        "disturbance": disturbance,
+        "latency": {sensor: value_document(late, "s", error) for sensor, (late, error) in fit.latency.items()},
+        "innovations_white": fit.white,
+        "criterion": "multi_step" if fit.multi_step else "innovations",
+        "free_run_r2": dict(fit.free_run_r2),
+        "standard_manoeuvres": measures_document(model_manoeuvres(fit, study.data)),
+    }
+
+
+def planar_measures(fits: Mapping[str, FitMeasures], *names: str) -> Document:
+    """Measures of a simulation by sensor and name."""
+    return {f"{sensor}_{name}": getattr(fit, name) for sensor, fit in fits.items() for name in names}
+
+
+def measures_document(measures: Measures) -> Document:
+    """Measures of manoeuvres by name, each with value, unit and standard error; null where that is not known."""
+    return {name: asdict(measure) for name, measure in measures.items()}

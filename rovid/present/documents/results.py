@@ -13,6 +13,9 @@ from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.estimate.isolability import IsolabilityMatrix
 from rovid.export.verification import Mismatch, VerifiedExport
 from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
+from rovid.planar.experiment import PlanarPlan
+from rovid.planar.standard_manoeuvres import RunManoeuvre
+from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
 from rovid.preflight.check import LogCheck, remark_document
 from rovid.preflight.clock_alignment import ClockOffset
 from rovid.preflight.config_writer import assumptions_in
@@ -24,6 +27,7 @@ from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import PLANAR, Axis
 from rovid.trial.vehicle import Vehicle
 
+_MEASURES = ("r2", "fit_percent", "rmse")
 _CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "crossover": "rad/s", "effort": "N m"}
 
 
@@ -32,15 +36,10 @@ def simulation_document(
 ) -> fits.Document:
     """The document of `rovid simulate --json`; position errors in rad or m."""
     axis = parameters.axis
-    trials = [
-        {
-            "name": item.run.trial.name,
-            "samples": item.fit.samples,
-            **_fit_measures(item.fit, axis),
-            **fits.position_errors(item.position_errors, axis),
-        }
-        for item in simulations
-    ]
+    trials = []
+    for item in simulations:
+        measures = _fit_measures(item.fit, axis) | fits.position_errors(item.position_errors, axis)
+        trials.append({"name": item.run.trial.name, "samples": item.fit.samples, **measures})
     return shared_simulation_document(parameters, warnings, guess) | {
         **fits.axis_document(axis),
         "trials": trials,
@@ -53,20 +52,20 @@ def shared_simulation_document(parameters: Parameters, warnings: Sequence[str], 
     """The part that the documents of all simulations share."""
     entries = {}
     for name, entry in parameters.entries.items():
-        value = fits.value_document(entry.value, entry.unit, entry.standard_error)
-        placeholder = {"placeholder": True} if guess.is_placeholder(entry.unit) else {}
-        entries[name] = value | placeholder | fits.sname_document(name)
+        entries[name] = fits.value_document(entry.value, entry.unit, entry.standard_error)
+        if guess.is_placeholder(entry.unit):
+            entries[name]["placeholder"] = True
+        entries[name] |= fits.sname_document(name)
     return {
         "schema": "rovid-simulation/1",
         "parameters": entries,
         "effects": parameters.effects,
-        **fits.guess_document(guess),
-        "warnings": fits.all_warnings(guess, warnings),
+        **fits.closing_document(guess, warnings),
     }
 
 
 def _fit_measures(fit: FitMeasures, axis: Axis) -> fits.Document:
-    return {f"{axis.rate_signal}_{name}": getattr(fit, name) for name in ("r2", "fit_percent", "rmse")}
+    return {f"{axis.rate_signal}_{name}": getattr(fit, name) for name in _MEASURES}
 
 
 def plan_document(
@@ -91,17 +90,21 @@ def plan_document(
         "command_file": command_file,
         "picture": picture,
         "commands": commands_by_name(plan),
-        **fits.guess_document(vehicle.assumptions),
-        "warnings": fits.all_warnings(vehicle.assumptions, warnings),
+        **fits.closing_document(vehicle.assumptions, warnings),
     }
 
 
 def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle, warnings: Sequence[str]) -> fits.Document:
     """The document of `rovid plan --matrix --json`; null for a pair that is never separated."""
-
-    def finite(seconds: float) -> float | None:
-        return seconds if math.isfinite(seconds) else None
-
+    pairs = []
+    for pair in matrix.pairs:
+        document = {"between": [pair.first, pair.second], "separated": pair.seconds <= matrix.seconds}
+        document |= {"expected_log_likelihood_ratio": pair.gain, "seconds": _finite(pair.seconds)}
+        pairs.append(document | {"with_sensor": {name: _finite(time) for name, time in pair.with_sensor.items()}})
+    sensors = []
+    for name, causes in matrix.sensor_causes.items():
+        separates = [[pair.first, pair.second] for pair in matrix.separated_by(name)]
+        sensors.append({"sensor": name, "separates": separates, "causes": list(causes)})
     return {
         "schema": "rovid-matrix/1",
         **fits.axis_document(vehicle.axis),
@@ -109,27 +112,14 @@ def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle, warnings: Seque
         "causes": [{"effect": cause.name, "parameters": cause.effect.values(cause.values)} for cause in matrix.causes],
         "not_visible": list(matrix.invisible),
         "separated": len(matrix.pairs) - len(matrix.open_pairs),
-        "pairs": [
-            {
-                "between": [pair.first, pair.second],
-                "separated": pair.seconds <= matrix.seconds,
-                "expected_log_likelihood_ratio": pair.gain,
-                "seconds": finite(pair.seconds),
-                "with_sensor": {name: finite(seconds) for name, seconds in pair.with_sensor.items()},
-            }
-            for pair in matrix.pairs
-        ],
-        "sensors": [
-            {
-                "sensor": name,
-                "separates": [[pair.first, pair.second] for pair in matrix.separated_by(name)],
-                "causes": list(causes),
-            }
-            for name, causes in matrix.sensor_causes.items()
-        ],
-        **fits.guess_document(vehicle.assumptions),
-        "warnings": fits.all_warnings(vehicle.assumptions, warnings),
+        "pairs": pairs,
+        "sensors": sensors,
+        **fits.closing_document(vehicle.assumptions, warnings),
     }
+
+
+def _finite(seconds: float) -> float | None:
+    return seconds if math.isfinite(seconds) else None
 
 
 def control_document(design: ControllerDesign, warnings: Sequence[str], guess: Assumptions) -> fits.Document:
@@ -141,6 +131,8 @@ def control_document(design: ControllerDesign, warnings: Sequence[str], guess: A
         own |= {"autopilot_parameters": design.autopilot_parameters, "torque_of_full_output": law.full}
     else:
         lag["rate_filter"] = law.rate_filter
+    names = ("name", "effects", "model_aid", "effects_known")
+    runs = [fits.fields(run, *names) | asdict(run.metrics) for run in design.runs]
     return {
         "schema": "rovid-control/1",
         **own,
@@ -154,14 +146,9 @@ def control_document(design: ControllerDesign, warnings: Sequence[str], guess: A
         "torque_in_use": design.conditions.torque_in_use,
         "monte_carlo": None if spread is None else vars(spread),
         "effects": [effect.key for effect in design.model.effects],
-        # Times in s, angles in deg, effort in N m.
-        "runs": [
-            fits.fields(run, "name", "effects", "model_aid", "effects_known") | asdict(run.metrics)
-            for run in design.runs
-        ],
+        "runs": runs,
         "units": dict(_CONTROL_UNITS),
-        **fits.guess_document(guess),
-        "warnings": fits.all_warnings(guess, warnings),
+        **fits.closing_document(guess, warnings),
     }
 
 
@@ -180,8 +167,7 @@ def export_document(name: str, file: str, made: VerifiedExport, guess: Assumptio
             "from": dict(zip(made.velocities, verdict.envelope[-len(made.velocities) :], strict=True)),
             "text": verdict.text,
         },
-        **fits.guess_document(guess),
-        "warnings": fits.all_warnings(guess, made.warnings),
+        **fits.closing_document(guess, made.warnings),
     }
     if made.is_planar:
         return document | {"axes": PLANAR.name}
@@ -293,21 +279,75 @@ def discovery_document(found: Discovery, warnings: list[str]) -> fits.Document:
     formulas = []
     for formula in found.formulas:
         estimate, units = formula.estimate, units_of(formula, found.grammar.units if found.grammar else {})
-        gains = {"log_likelihood_gain": "gain", "held_out_gain": "held_out_gain"}
-        gains |= {"held_out_log_likelihood_gain": "held_out_nats", "inclusion": "inclusion", "nearest": "nearest"}
-        formulas.append(
-            {
-                "formula": formula.text,
-                "signals": list(formula.signals),
-                "parameters": {name: fits.estimate_document(estimate, name, units[name]) for name in estimate.names},
-                **fits.fields(formula, **gains, code_length="price"),
-                "beside": list(formula.beside),
-            }
-        )
+        parameters = {name: fits.estimate_document(estimate, name, units[name]) for name in estimate.names}
+        document = {"formula": formula.text, "signals": list(formula.signals), "parameters": parameters}
+        document |= fits.fields(formula, log_likelihood_gain="gain", held_out_gain="held_out_gain")
+        names = {"held_out_log_likelihood_gain": "held_out_nats", "inclusion": "inclusion", "nearest": "nearest"}
+        document |= fits.fields(formula, **names, code_length="price") | {"beside": list(formula.beside)}
+        formulas.append(document)
     return {
         "schema": "rovid-discovery/1",
         "formulas": formulas,
         "causes": list(found.causes),
         "missing": found.missing or None,
         "warnings": warnings,
+    }
+
+
+def planar_simulation_document(
+    parameters: Parameters,
+    simulations: Sequence[PlanarTrialSimulation],
+    warnings: Sequence[str],
+    guess: Assumptions,
+    manoeuvres: Sequence[RunManoeuvre] = (),
+) -> fits.Document:
+    """The document of `rovid simulate --axes planar --json`; angles in rad, distances in m."""
+    trials, found = [], []
+    for item in simulations:
+        document = {"name": item.name, "samples": item.samples, **fits.planar_measures(item.fits, *_MEASURES)}
+        document |= fits.by_horizon("heading_error", item.heading_errors)
+        trials.append(document | fits.by_horizon("track_error", item.track_errors) | {"track_error": item.track_rms})
+    for one in manoeuvres:
+        document = fits.fields(one, "run", "kind", "begin", "end", "steering")
+        document["measured"] = fits.measures_document(one.measured)
+        found.append(document | {"simulated": fits.measures_document(one.simulated)})
+    return shared_simulation_document(parameters, warnings, guess) | {
+        **fits.AXES_DOCUMENT,
+        "undetermined": fits.undetermined_document(parameters.undetermined),
+        "trials": trials,
+        "overall": fits.planar_measures(pooled_measures(simulations), *_MEASURES),
+        "manoeuvres": found,
+        "units": {f"{sensor}_rmse": unit for sensor, unit in SENSOR_UNITS.items()}
+        | {"heading_error": "rad", "track_error": "m"},
+    }
+
+
+def planar_plan_document(
+    plan: PlanarPlan, vehicle: Vehicle, command_file: str, warnings: Sequence[str]
+) -> fits.Document:
+    """The document of `rovid plan --axes planar --json`; standard errors in SI, None where not determined."""
+    estimate = plan.fit.estimate
+    errors = {
+        name: {"before": before, "after": after, "unit": estimate.unit(name)}
+        for name, (before, after) in plan.errors.items()
+    }
+    left_out = [{"run": run, "reason": reason} for run, reason in plan.left_out.items()]
+    document = plan_document(plan.ranked, vehicle, command_file, "", warnings)
+    added = {"reason": plan.reason, "standard_errors": errors, "left_out": left_out, "picture": None}
+    return {"schema": document["schema"], **fits.AXES_DOCUMENT} | document | added
+
+
+def planar_check_document(checked: PlanarCheck, vehicle: Vehicle) -> fits.Document:
+    """The document of `rovid check --axes planar --json`; SI and radians, null where unknown."""
+    logs = []
+    for trial in checked.trials:
+        readings = {name: len(one.time) for name, one in trial.readings.items()}
+        remarks = list(map(remark_document, trial.remarks))
+        logs.append({"name": trial.name, "duration": trial.duration, "readings": readings, "remarks": remarks})
+    return shared_check_document(checked, vehicle) | {
+        **fits.AXES_DOCUMENT,
+        "logs": logs,
+        "sensors": [fits.without_nan(vars(sensor)) for sensor in checked.sensors],
+        "degrees_of_freedom": [fits.without_nan(vars(axis)) for axis in checked.axes],
+        "latencies": [fits.without_nan(vars(lag)) for lag in checked.lags],
     }

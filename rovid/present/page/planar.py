@@ -22,7 +22,7 @@ from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, r
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
 from rovid.present import sentences
 from rovid.present.console import ResultTable
-from rovid.present.documents.planar import next_planar_experiment
+from rovid.present.documents.diagnosis import next_planar_experiment
 from rovid.present.number_format import sensor_words
 from rovid.present.page import page_files
 from rovid.present.page.summary import size_words
@@ -30,7 +30,8 @@ from rovid.present.plots import canvas
 from rovid.present.plots import models as plots
 from rovid.present.tables.fits import planar_parameters_table
 from rovid.present.tables.trials import model_manoeuvre_tables, planar_simulation_table, run_manoeuvre_tables
-from rovid.present.terminal import planar
+from rovid.present.terminal import results as printed
+from rovid.present.terminal.diagnosis import planar_held_out_table
 from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy, planar_effect
 from rovid.store.study import input_files
@@ -104,7 +105,7 @@ def build_planar_report(
         after=before if full is base else study.simulate(full.model),
         missing=_missing(study, study.data.runs[worst_run(before)], base, full),
         manoeuvres=model_manoeuvres(full, study.data),
-        headline=planar.fit_sentence(full)
+        headline=printed.fit_sentence(full)
         if diagnosis is None
         else sentences.verdict_sentence(diagnosis, study.vehicle.assumptions),
         diagnosis=diagnosis,
@@ -220,14 +221,14 @@ def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]
         "minutes": sum(run.duration for run in study.data.runs) / 60.0,
         "runs": len(study.data.runs),
         "headline": report.headline,
-        "fit_sentence": planar.fit_sentence(fit) if report.diagnosis else "",
-        "simulation_sentence": planar.simulation_sentence(report.after),
+        "fit_sentence": printed.fit_sentence(fit) if report.diagnosis else "",
+        "simulation_sentence": printed.simulation_sentence(report.after),
         "criterion": sentences.criterion_sentence(fit),
         "causes": cause_words,
         "definitions": sentences.evidence_definitions(causes),
-        "gain": found and planar.planar_held_out_table(found),
-        "undetermined": planar.undetermined_sentences(fit),
-        "by_prior": planar.prior_sentences(fit),
+        "gain": found and planar_held_out_table(found),
+        "undetermined": printed.undetermined_sentences(fit),
+        "by_prior": printed.prior_sentences(fit),
         "unknown": UNIDENTIFIABLE["thrust_scale"],
         "next_step": None
         if found is None

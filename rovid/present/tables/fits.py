@@ -15,7 +15,7 @@ from rovid.estimate.inertia import METHODS, InertiaFit
 from rovid.estimate.steady_drag import DragFit
 from rovid.model.parameter_names import base_names, unit_of
 from rovid.present.console import Column, ResultTable, mixed_number_column, number_column, text_column
-from rovid.present.documents.fits import derivative_name
+from rovid.present.documents.fits import SNAMES
 from rovid.present.number_format import (
     DASH,
     equal_decimals,
@@ -46,7 +46,7 @@ def estimate_table(estimate: Estimate, *, coupled: bool = False) -> ResultTable:
     for name in estimate.names:
         unit, symbol = estimate.unit(name), list[str]()
         if coupled:
-            unit, symbol = unit_symbol(unit), [derivative_name(name) or DASH]
+            unit, symbol = unit_symbol(unit), [SNAMES.get(name, DASH)]
         if name in estimate.refused:
             table.add_row(name, "not determined", unit, DASH, *symbol)
             continue
@@ -79,11 +79,11 @@ def planar_parameters_table(stored: Parameters) -> ResultTable:
     """Parameters of a file of the coupled model, and those that its logs do not determine."""
     table = _stored_table("Parameters", coupled=True)
     for name, entry in stored.entries.items():
-        value, error, symbol = entry.value, entry.standard_error, derivative_name(name) or DASH
+        value, error, symbol = entry.value, entry.standard_error, SNAMES.get(name, DASH)
         interval = FROM_PRIOR if entry.from_prior else _rounded_interval(_normal_interval(value, error), error)
         table.add_row(parameter_title(name), plus_minus(value, error), unit_symbol(entry.unit), interval, symbol)
     for name in stored.assumed:
-        table.add_row(parameter_title(name), "not determined", "", DASH, derivative_name(name) or DASH)
+        table.add_row(parameter_title(name), "not determined", "", DASH, SNAMES.get(name, DASH))
     return table
 
 

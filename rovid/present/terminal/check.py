@@ -2,23 +2,28 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 
 from rich.console import Console
 
 from rovid.core.errors import shortened_list
 from rovid.preflight.check import LogCheck
+from rovid.preflight.config_writer import assumptions_in, log_count_text
+from rovid.preflight.log_survey import LogSurvey
 from rovid.preflight.planar_check import PlanarCheck
 from rovid.present.console import (
     ResultTable,
     mixed_number_column,
     print_labelled,
+    print_path,
     print_text,
+    show_caution,
     show_warnings,
     text_column,
 )
 from rovid.present.number_format import NAME_LENGTH, format_number, shorten_name
-from rovid.trial.axis import AXES
+from rovid.trial.axis import AXES, YAW
 from rovid.trial.fault import fault_texts
 from rovid.trial.trial import merged_remarks
 
@@ -145,3 +150,60 @@ def _unit(sensor: str) -> tuple[str, float]:
         unit, factor = AXES["yaw"].display_unit
         return f"{unit}/s", factor
     return ("m/s", 1.0) if sensor.endswith("velocity") else ("m", 1.0)
+
+
+# Largest number of columns that an open question lists.
+_CANDIDATES = 8
+
+
+def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) -> None:
+    """Print the columns that were recognised, open questions, and the next steps."""
+    guess, config = assumptions_in(survey), written[0]
+    for signal in survey.unrecognised:
+        option = "command" if signal == "command" else "heading"
+        unused = [source for mapping in survey.mappings.values() for source in mapping.unused][:_CANDIDATES]
+        candidates = f" It may be one of {', '.join(unused)}." if unused else ""
+        text = f"no column was recognised as {signal}; name it in {config}, or with --{option}.{candidates}"
+        print_labelled(console, "Open:", text)
+    if survey.unknown_directions:
+        verb = survey.axis.motion_verb.removesuffix("s")
+        thrusters = ", ".join(survey.unknown_directions)
+        print_labelled(console, "Open:", f"which way {thrusters} {verb} the vehicle: the logs do not show it.")
+    show_caution(console, guess)
+    if survey.profile is not None:
+        origin = "a guess, from the outputs that turn it" if survey.profile_guessed else "as published"
+        print_labelled(console, "Vehicle:", f"{survey.profile.name} ({survey.profile.id}), {origin}.")
+    if survey.join is not None:
+        parts = " and ".join(survey.join.parts)
+        print_labelled(console, "Joined:", f"files whose names differ in {parts} form one trial.")
+    for group in survey.clock_offsets.groups:
+        print_labelled(console, "Clocks:", survey.clock_offsets.text(group))
+    console.print(_guess_table(survey))
+    show_warnings(console, survey.warnings)
+    for path in written:
+        print_path(console, f"written: {path}")
+    task = f"measure {guess.listing}, and enter the result in {config}" if guess else f"check the columns in {config}"
+    print_labelled(console, "Next:", f"{task}; then")
+    axis = "" if survey.axis is YAW else f" --axis {survey.axis.name}"
+    axis = " --axes planar" if survey.with_planar else axis
+    for name in ("check", "report"):
+        print_path(console, f"  rovid {name} {survey.folder}{axis}")
+
+
+def _guess_table(survey: LogSurvey) -> ResultTable:
+    """The columns that were recognised."""
+    columns = map(text_column, ("signal", "taken from", "unit", "why"))
+    table = ResultTable(f"Guessed from {log_count_text(survey)}", *columns)
+    for mapping in survey.mappings.values():
+        for name, signal_guess in mapping.signals.items():
+            table.add_row(name, signal_guess.source, signal_guess.unit, signal_guess.reason)
+        for command in mapping.commands:
+            table.add_row(f"command of {command.name}", command.source, "", command.reason)
+        for rudder in mapping.rudders:
+            table.add_row(f"angle of {rudder.name}", rudder.angle.source, rudder.angle.unit, rudder.angle.reason)
+    for planar in survey.planar.values() if survey.with_planar else ():
+        if planar.propeller[0]:
+            table.add_row("command of propeller", planar.propeller[0], "", "by name; it does not turn the vehicle")
+        for name, signal_guess in planar.signals.items():
+            table.add_row(name, signal_guess.source, signal_guess.unit, signal_guess.reason)
+    return table

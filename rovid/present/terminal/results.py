@@ -18,8 +18,9 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.oscillation_tests import FreeDecay, Quantity, analyse_free_decay
 from rovid.estimate.steady_drag import DragFit
 from rovid.export.verification import Mismatch, VerifiedExport
-from rovid.preflight.config_writer import assumptions_in, log_count_text
-from rovid.preflight.log_survey import LogSurvey
+from rovid.planar.experiment import PlanarPlan
+from rovid.planar.fit import PlanarFit
+from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
 from rovid.present.console import (
     VERDICT_STYLES,
     ResultTable,
@@ -32,16 +33,15 @@ from rovid.present.console import (
     show_warnings,
     text_column,
 )
-from rovid.present.number_format import format_number, unit_symbol
-from rovid.present.sentences import criterion_sentence, fit_verdict
+from rovid.present.number_format import format_number, sensor_words, unit_symbol
+from rovid.present.sentences import criterion_sentence, effect_title, fit_verdict, join_words
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
-from rovid.present.tables.trials import loss_title
+from rovid.present.tables.trials import loss_title, planar_simulation_table
+from rovid.store.planar_study import PlanarStudy
 from rovid.store.study import Study
-from rovid.trial.axis import YAW
+from rovid.trial.assumptions import Assumptions
 
 _RUNS_SHOWN = 8
-# Largest number of columns that an open question lists.
-_CANDIDATES = 8
 # Largest number of bench readings in the table.
 _READINGS_SHOWN = 40
 
@@ -76,7 +76,6 @@ def show_fit(console: Console, fit: DragFit | InertiaFit | LikelihoodFit, study:
         if study.runs is not None and estimate.per_inertia:
             _show_decay(console, analyse_free_decay(fit.model, estimate, study.runs.items, study.vehicle))
     if study.runs is not None:
-        # Print the cut-off frequency and the noise of the filtered signals.
         runs = study.runs
         noise, rate, acceleration = runs.noise()
         name, shown, factor = runs.axis.measured_quantity(integrated=runs.rate_only)
@@ -164,11 +163,10 @@ def show_thrust_scale(console: Console, scale: ThrustScale, given: float) -> Non
 def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -> None:
     """Print the best runs and the paths of the files that were written."""
     discriminates = len(plan.models) > 1
+    gain = "factor"
+    caption = f"Runs by the factor that divides the variance of the {plan.parameter.replace('_', ' ')}"
     if discriminates:
         gain, caption = "log-likelihood", f"Runs that distinguish {plan.models[0].name} from {plan.models[1].name}"
-    else:
-        gain = "factor"
-        caption = f"Runs by the factor that divides the variance of the {plan.parameter.replace('_', ' ')}"
     columns = map(mixed_number_column, ("minutes", f"{gain} a minute", gain))
     table = ResultTable(caption, text_column("run"), *columns)
     for best in plan.runs[:_RUNS_SHOWN]:
@@ -206,9 +204,7 @@ def show_matrix(console: Console, matrix: IsolabilityMatrix) -> None:
         most = f"Not visible, at {100.0 * SIZE_SHARES[-1]:.0f} % of the rate either:"
         print_labelled(console, most, ", ".join(matrix.invisible))
     sensors = list(matrix.sensor_causes)
-    columns = [
-        mixed_number_column(title) for title in ("minutes", "log-likelihood", *(f"+ {name}" for name in sensors))
-    ]
+    columns = map(mixed_number_column, ("minutes", "log-likelihood", *map("+ {}".format, sensors)))
     table = ResultTable("Hardest pairs: minutes until they are told apart", text_column("causes"), *columns)
     for pair in matrix.pairs[: max(_RUNS_SHOWN, len(still_open))]:
         times = [_minutes(pair.with_sensor[name]) for name in sensors]
@@ -225,9 +221,11 @@ def show_matrix(console: Console, matrix: IsolabilityMatrix) -> None:
         "programme are those of its repetition. Causes without a fitted size change the simulated rate by "
     )
     least, *larger = SIZE_SHARES
-    named = [(share, [cause.name for cause in matrix.causes if cause.share == share]) for share in larger]
-    more = [f"; {', '.join(names)} by {100.0 * share:.0f} %" for share, names in named if names]
-    print_text(console, f"{text}{100.0 * least:.0f} %{''.join(more)}.")
+    text += f"{100.0 * least:.0f} %"
+    for share in larger:
+        if names := [cause.name for cause in matrix.causes if cause.share == share]:
+            text += f"; {', '.join(names)} by {100.0 * share:.0f} %"
+    print_text(console, f"{text}.")
 
 
 def _minutes(seconds: float) -> str:
@@ -267,54 +265,110 @@ def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
     show_warnings(console, made.warnings)
 
 
-def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) -> None:
-    """Print the columns that were recognised, open questions, and the next steps."""
-    guess, config = assumptions_in(survey), written[0]
-    for signal in survey.unrecognised:
-        option = "command" if signal == "command" else "heading"
-        unused = [source for mapping in survey.mappings.values() for source in mapping.unused][:_CANDIDATES]
-        candidates = f" It may be one of {', '.join(unused)}." if unused else ""
-        text = f"no column was recognised as {signal}; name it in {config}, or with --{option}.{candidates}"
-        print_labelled(console, "Open:", text)
-    if survey.unknown_directions:
-        verb = survey.axis.motion_verb.removesuffix("s")
-        thrusters = ", ".join(survey.unknown_directions)
-        print_labelled(console, "Open:", f"which way {thrusters} {verb} the vehicle: the logs do not show it.")
+# Number of undetermined combinations that have a sentence of their own.
+_COMBINATIONS = 3
+
+
+def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy) -> None:
+    """Print the answer, the parameters, and what the logs do not determine."""
+    show_caution(console, study.vehicle.assumptions)
+    show_faults(console, study.logs.faults)
+    r2 = [f"{sensor_words(sensor)} {value:.3f}" for sensor, value in fit.free_run_r2.items() if math.isfinite(value)]
+    agreement_words = f"R² of the free-running simulation: {join_words(r2)}." if r2 else ""
+    print_labelled(console, fit_sentence(fit), agreement_words)
+    console.print()
+    show_planar_parameters(console, fit)
+    print_text(console, criterion_sentence(fit))
+    disturbances, noise = [], []
+    for axis, (size, time) in fit.disturbance.items():
+        unit = "N m" if axis == "yaw" else "N"
+        number = fit.estimate.assumptions.mark_number(format_number(size), unit)
+        limit = ", at its limit" * (axis in fit.at_limit)
+        disturbances.append(f"{axis} {number} {unit} with a correlation time of {format_number(time, 2)} s{limit}")
+    for sensor, size in fit.noise.items():
+        shown, unit = (math.degrees(size), "deg") if sensor == "heading" else (size, SENSOR_UNITS[sensor])
+        noise.append(f"{sensor_words(sensor)} {format_number(shown, 2)} {unit}")
+    print_text(console, f"disturbance: {'; '.join(disturbances)}")
+    print_text(console, f"noise: {', '.join(noise)}")
+    if fit.latency:
+        late = [f"{sensor_words(sensor)} {plus_minus(*pair)} s" for sensor, pair in fit.latency.items()]
+        print_text(console, f"latency: {', '.join(late)}")
+    show_warnings(console, [*study.remarks(), *fit.warnings])
+
+
+def fit_sentence(fit: PlanarFit) -> str:
+    """The result of a fit in one sentence."""
+    estimate, effects = fit.estimate, [effect_title(one.effect) for one in fit.model.effects]
+    determined = len(estimate.names) - len(set(estimate.refused) & set(estimate.names))
+    model = "Surge, sway and yaw in one model"
+    if effects:
+        model += f", with {join_words(effects)}"
+    return f"{model}: the logs determine {determined} of {len(estimate.names)} parameters."
+
+
+def undetermined_sentences(fit: PlanarFit) -> list[str]:
+    """What the logs do not determine, with the reason; parameters with one reason in one sentence."""
+    estimate, sentences = fit.estimate, [one.text for one in fit.undetermined[:_COMBINATIONS]]
+    if more := len(fit.undetermined) - len(sentences):
+        sentences.append(f"So it is with {more} more combinations, which --json lists in full.")
+    listed = {name for one in fit.undetermined for name in one.combination}
+    reasons: dict[str, list[str]] = {}
+    for name, reason in estimate.refused.items():
+        if name not in listed and name in estimate.names:
+            reasons.setdefault(reason, []).append(name)
+    return [*sentences, *(f"{join_words(names)}: {reason}." for reason, names in reasons.items())]
+
+
+def prior_sentences(fit: PlanarFit) -> list[str]:
+    """What the prior decides, and not the logs."""
+    names = fit.prior.decided
+    sentences = [f"{join_words(names)}: the logs hold less than half of what is known."] if names else []
+    combinations = fit.prior.only_by_prior[:_COMBINATIONS]
+    return sentences + [f"The logs alone do not determine a combination. {one.text}" for one in combinations]
+
+
+def show_planar_parameters(console: Console, fit: PlanarFit) -> None:
+    """Print the parameters of the coupled model, and those that the logs do not determine."""
+    console.print(estimate_table(fit.estimate, coupled=True))
+    for text in undetermined_sentences(fit):
+        print_labelled(console, "Not determined:", text, "bold yellow")
+    for text in prior_sentences(fit):
+        print_labelled(console, "From the prior:", text, "bold yellow")
+
+
+def show_planar_simulation(
+    console: Console, simulations: Sequence[PlanarTrialSimulation], guess: Assumptions, warnings: Sequence[str]
+) -> None:
+    """Print how well the free-running simulation follows each run."""
     show_caution(console, guess)
-    if survey.profile is not None:
-        origin = "a guess, from the outputs that turn it" if survey.profile_guessed else "as published"
-        print_labelled(console, "Vehicle:", f"{survey.profile.name} ({survey.profile.id}), {origin}.")
-    if survey.join is not None:
-        parts = " and ".join(survey.join.parts)
-        print_labelled(console, "Joined:", f"files whose names differ in {parts} form one trial.")
-    for group in survey.clock_offsets.groups:
-        print_labelled(console, "Clocks:", survey.clock_offsets.text(group))
-    console.print(_guess_table(survey))
-    show_warnings(console, survey.warnings)
-    for path in written:
-        print_path(console, f"written: {path}")
-    task = f"measure {guess.listing}, and enter the result in {config}" if guess else f"check the columns in {config}"
-    print_labelled(console, "Next:", f"{task}; then")
-    axis = "" if survey.axis is YAW else f" --axis {survey.axis.name}"
-    axis = " --axes planar" if survey.with_planar else axis
-    for name in ("check", "report"):
-        print_path(console, f"  rovid {name} {survey.folder}{axis}")
+    print_labelled(console, simulation_sentence(simulations))
+    console.print()
+    planar_simulation_table(simulations).print(console, guess)
+    show_warnings(console, warnings)
 
 
-def _guess_table(survey: LogSurvey) -> ResultTable:
-    """The columns that were recognised."""
-    columns = map(text_column, ("signal", "taken from", "unit", "why"))
-    table = ResultTable(f"Guessed from {log_count_text(survey)}", *columns)
-    for mapping in survey.mappings.values():
-        for name, signal_guess in mapping.signals.items():
-            table.add_row(name, signal_guess.source, signal_guess.unit, signal_guess.reason)
-        for command in mapping.commands:
-            table.add_row(f"command of {command.name}", command.source, "", command.reason)
-        for rudder in mapping.rudders:
-            table.add_row(f"angle of {rudder.name}", rudder.angle.source, rudder.angle.unit, rudder.angle.reason)
-    for planar in survey.planar.values() if survey.with_planar else ():
-        if planar.propeller[0]:
-            table.add_row("command of propeller", planar.propeller[0], "", "by name; it does not turn the vehicle")
-        for name, signal_guess in planar.signals.items():
-            table.add_row(name, signal_guess.source, signal_guess.unit, signal_guess.reason)
-    return table
+def simulation_sentence(simulations: Sequence[PlanarTrialSimulation]) -> str:
+    """Agreement of the free-running simulation with all runs, in one sentence."""
+    fits = pooled_measures(simulations)
+    words = [f"{sensor_words(sensor)} {format_number(fit.r2, '.3f')}" for sensor, fit in fits.items()]
+    return f"R² of the free-running simulation over all runs: {join_words(words)}."
+
+
+def show_planar_plan(
+    console: Console, plan: PlanarPlan, study: PlanarStudy, files: Sequence[Path], warnings: Sequence[str]
+) -> None:
+    """Print the best run, the candidates, the standard errors before and after, and the runs that were left out."""
+    show_caution(console, study.vehicle.assumptions)
+    run, estimate = plan.ranked.best.run, plan.fit.estimate
+    print_labelled(console, "Next:", f"{run.name}, {run.seconds:.0f} s, because {plan.reason}.")
+    show_plan(console, plan.ranked, files)
+    columns = map(mixed_number_column, ("by the logs", "with the best run"))
+    table = ResultTable("Standard errors, as predicted", text_column("parameter"), *columns, text_column("unit"))
+    for name, pair in plan.errors.items():
+        cells = [format_number(one, 2) if math.isfinite(one) else "not determined" for one in pair]
+        table.add_row(name, *cells, unit_symbol(estimate.unit(name)))
+    console.print(table)
+    for reason in dict.fromkeys(plan.left_out.values()):
+        names = [name for name, why in plan.left_out.items() if why == reason]
+        print_text(console, f"left out, {reason}: {'; '.join(names)}")
+    show_warnings(console, warnings)
