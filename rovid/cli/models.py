@@ -33,7 +33,7 @@ def simulate(logs: list[Path] | None = None, *, mcap: Path | None = None, shared
             assumptions = context.model_assumptions(stored, coupled.logs)
             record = simulation_record(stored, coupled, remarks, assumptions)
     else:
-        from rovid.present.mcap_output import recording_outputs, write_recordings
+        from rovid.present.residuals import recording_outputs, write_recordings
 
         model = stored.model()
         study = context.open_logs(logs or context.stored_logs(stored), shared.cutoff, stored.axis)

@@ -1,33 +1,36 @@
-"""The torque that the model does not explain, its statistics, and the signals that drive it."""
+"""The torque that the model does not explain, its statistics and drivers, and recordings of it as MCAP."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.errors import ConfigError
+from rovid.core.formatting import field_names
+from rovid.core.output_files import RECORDING, RECORDING_LIBRARY, OutputFile, OutputSet
 from rovid.core.stats import NORMAL_95
 from rovid.effects import Effect
 from rovid.model.model import Model
 from rovid.model.ode import evaluate_along
+from rovid.model.simulation import TrialSimulation
+from rovid.readers.convert import OutputTopic, mcap_bytes, name_with_unit
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.preprocessing import PreparedRuns, Run, prepare, shared_channels
 from rovid.trial.rates import fast_fft_length, finite_segments, power_spectral_density, resample
-from rovid.trial.trial import Campaign
+from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
 # Samples of a segment of the spectrum, and of the shortest stretch that counts.
 _SEGMENT, _SHORTEST = 1024, 64
-# Bins of means over a driver.
-_DRIVER_BINS = 32
-# Points of a smooth curve.
-_CURVE = 300
-# Share of the missing torque by which a driver has to exceed a simpler one.
-_BETTER = 0.02
-# Least share of the missing torque that a driver has to explain.
-_FOLLOWS = 0.5
+# Bins of means over a driver, and points of a smooth curve.
+_DRIVER_BINS, _CURVE = 32, 300
+# Share of the missing torque by which a driver has to exceed a simpler one, and the least that it has to explain.
+_BETTER, _FOLLOWS = 0.02, 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,22 +68,19 @@ def unexplained_torques(runs: PreparedRuns, model: Model, vehicle: Vehicle) -> l
     Waves remain, because their phase is not a parameter.
     """
     items, base = [], model.with_effects()
-    for item in residual_torques(_with_true_headings(runs, model, vehicle), model, vehicle):
+    with_true_headings: Sequence[Run] = runs.items
+    if model.heading_sensor.deviates:
+        trials = []
+        for run in runs.items:
+            heading, _ = model.heading_sensor.to_true(run.trial.position)
+            trials.append(replace(run.trial, position=heading))
+        campaign = Campaign(trials=tuple(trials), sources=())
+        with_true_headings = prepare(campaign, vehicle, cutoff=runs.cutoff).items
+    for item in residual_torques(with_true_headings, model, vehicle):
         with_all = item.residual + _term_torques(item, model)
         # Weight and buoyancy were subtracted before.
         items.append(replace(item, residual=with_all - _term_torques(item, base)))
     return items
-
-
-def _with_true_headings(runs: PreparedRuns, model: Model, vehicle: Vehicle) -> Sequence[Run]:
-    """The runs with the headings that are true according to ``model``, after the same filter."""
-    if not model.heading_sensor.deviates:
-        return runs.items
-    trials = []
-    for run in runs.items:
-        heading, _ = model.heading_sensor.to_true(run.trial.position)
-        trials.append(replace(run.trial, position=heading))
-    return prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=runs.cutoff).items
 
 
 def _term_torques(item: ResidualTorque, model: Model) -> FloatArray:
@@ -100,11 +100,6 @@ def all_thruster_torques(items: Sequence[ResidualTorque]) -> FloatArray:
     return np.concatenate([item.thruster_torque for item in items])
 
 
-def all_rates(items: Sequence[ResidualTorque]) -> FloatArray:
-    """Rates of all runs, concatenated."""
-    return np.concatenate([item.run.rates.rate for item in items])
-
-
 def rms_sizes(items: Sequence[ResidualTorque]) -> tuple[float, float, float]:
     """RMS in N m of residual torque, thruster torque, and the share of sensor noise in the residual; NaN if unknown."""
     residual = all_residuals(items)
@@ -112,18 +107,13 @@ def rms_sizes(items: Sequence[ResidualTorque]) -> tuple[float, float, float]:
     known = np.isfinite(residual)
     if not known.any():
         return math.nan, math.nan, math.nan
-    squares = [np.mean(values[known] ** 2) for values in (residual, all_thruster_torques(items), noise)]
-    residual_rms, torque_rms, noise_rms = map(float, np.sqrt(squares))
+    signals = (residual, all_thruster_torques(items), noise)
+    residual_rms, torque_rms, noise_rms = (float(np.sqrt(np.mean(values[known] ** 2))) for values in signals)
     return residual_rms, torque_rms, noise_rms
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BinMeans:
-    """Means over a driver, in its increasing order, each (m,); ``error`` is the standard error of ``mean``."""
-
-    driver: FloatArray
-    mean: FloatArray
-    error: FloatArray
+# Means over a driver in its increasing order: driver, mean, and its standard error, each (m,).
+BinMeans = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def spectrum(items: Sequence[ResidualTorque], cutoff: float) -> tuple[FloatArray, FloatArray]:
@@ -201,7 +191,7 @@ def missing_without(effect: Effect, runs: PreparedRuns, model: Model, vehicle: V
         driver_values=driver_values,
         measured=-all_residuals(without),
         equation=equation,
-        line=_smooth_curve(bin_means(driver_values, equation)),
+        line=_smooth_curve(*bin_means(driver_values, equation)[:2]),
         independent=independent_share(runs.items, runs.cutoff),
     )
 
@@ -215,7 +205,6 @@ def _drivers(runs: Sequence[Run], axis: Axis) -> Iterator[tuple[str, FloatArray]
 
 
 def _run_drivers(run: Run, axis: Axis, channels: Sequence[str]) -> Iterator[tuple[str, FloatArray]]:
-    """Possible drivers with their values along one run."""
     unit, factor = axis.display_unit
     trial, rates, torque = run.trial, run.rates, run.filtered_torque
     position = resample(trial, trial.position, rates.time)
@@ -264,14 +253,13 @@ def bin_means(
     known = np.isfinite(driver) & np.isfinite(values)
     x, y = driver[known], values[known]
     if x.size < bins or np.ptp(x) == 0.0:
-        return BinMeans(driver=np.empty(0), mean=np.empty(0), error=np.empty(0))
+        return np.empty(0), np.empty(0), np.empty(0)
     index = _bin_index(x, bins)
     count = np.bincount(index)
     enough = count >= fewest
     mean_x, mean_y, square = (np.bincount(index, weights=each)[enough] / count[enough] for each in (x, y, y**2))
     effective = np.maximum(independent * count[enough], 1.0)
-    error = np.sqrt(np.maximum(square - mean_y**2, 0.0) / effective)
-    return BinMeans(driver=mean_x, mean=mean_y, error=error)
+    return mean_x, mean_y, np.sqrt(np.maximum(square - mean_y**2, 0.0) / effective)
 
 
 def independent_share(runs: Sequence[Run], cutoff: float) -> float:
@@ -286,14 +274,14 @@ def white_band(items: Sequence[ResidualTorque], cutoff: float) -> float:
     return NORMAL_95 / math.sqrt(max(2.0 * cutoff * duration, 1.0))
 
 
-def _smooth_curve(means: BinMeans) -> tuple[FloatArray, FloatArray]:
-    """A curve without overshoot through ``means`` (piecewise cubic Hermite; Fritsch and Carlson 1980)."""
-    if len(means.driver) < 2:
-        return means.driver, means.mean
+def _smooth_curve(driver: FloatArray, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A curve without overshoot through ``mean`` (piecewise cubic Hermite; Fritsch and Carlson 1980)."""
+    if len(driver) < 2:
+        return driver, mean
     from scipy.interpolate import PchipInterpolator
 
-    driver = np.linspace(means.driver[0], means.driver[-1], _CURVE)
-    return driver, np.asarray(PchipInterpolator(means.driver, means.mean)(driver))
+    smooth = np.linspace(driver[0], driver[-1], _CURVE)
+    return smooth, np.asarray(PchipInterpolator(driver, mean)(smooth))
 
 
 def _over_time(with_effect: Sequence[FloatArray], without: Sequence[FloatArray], runs: PreparedRuns) -> MissingTorque:
@@ -310,3 +298,81 @@ def _over_time(with_effect: Sequence[FloatArray], without: Sequence[FloatArray],
         line=(run.rates.time, equation),
         independent=independent_share([run], runs.cutoff),
     )
+
+
+_SUFFIX = ".mcap"
+
+
+def recording_outputs(target: Path, trials: Sequence[Trial]) -> list[OutputFile]:
+    """Each trial's recording: ``target`` itself for a single trial, else files in the folder ``target``.
+
+    Raises ConfigError if ``target`` is one file for several trials, or a log would be overwritten.
+    """
+    place = f"--mcap {target}"
+    paths = [target]
+    if target.suffix.lower() != _SUFFIX or target.is_dir():
+        paths = [target / name for name in _recording_names(trials)]
+    elif len(trials) > 1:
+        several = f"names one file, but there are {len(trials)} trials."
+        raise ConfigError(several, where=place, mend="Name a folder, for one file a trial.")
+    logs = {trial.path.resolve() for trial in trials}
+    for path in paths:
+        if path.resolve() in logs:
+            raise ConfigError(f"would write over the log {path}.", where=place, mend="Choose another place.")
+    return [OutputFile(path, RECORDING) for path in paths]
+
+
+def _recording_names(trials: Sequence[Trial]) -> list[Path]:
+    """A file name for each trial, with the log's suffix where trials differ by that only."""
+    names = []
+    for trial in trials:
+        path = Path(trial.name)
+        names.append(Path(*(part for part in path.parts if part not in {"..", path.anchor})))
+    short = [name.with_suffix(_SUFFIX) for name in names]
+    counts = Counter(short)
+    long = [name.with_name(name.name + _SUFFIX) for name in names]
+    return [one if counts[one] == 1 else other for one, other in zip(short, long, strict=True)]
+
+
+def write_recordings(
+    claim: OutputSet,
+    outputs: Sequence[OutputFile],
+    simulations: Sequence[TrialSimulation],
+    runs: PreparedRuns,
+    model: Model,
+    vehicle: Vehicle,
+) -> None:
+    """Write the recordings of all trials, or none. Raises OutputError if a recording cannot be written."""
+    recordings = {}
+    residuals = unexplained_torques(runs, model, vehicle)
+    for output, simulation, residual in zip(outputs, simulations, residuals, strict=True):
+        recordings[output] = mcap_bytes(simulation_topics(simulation, residual, vehicle), RECORDING_LIBRARY)
+    claim.write(recordings)
+
+
+def simulation_topics(simulation: TrialSimulation, residual: ResidualTorque, vehicle: Vehicle) -> list[OutputTopic]:
+    """Rate, position, torques and commands of one trial; rates and torques after the same low-pass filter."""
+    trial, time, axis = simulation.run.trial, simulation.run.rates.time, simulation.run.trial.axis
+    unit, factor = axis.display_unit
+    rate = {"measured": simulation.measured, "simulated": simulation.simulated}
+    rate["residual"] = simulation.measured - simulation.simulated
+    # A position that was integrated from a rate was not measured.
+    position = {} if trial.rate_only else {"measured": trial.position * factor}
+    position["simulated"] = simulation.position * factor
+    torque = {"drive": residual.thruster_torque, "disturbance": residual.residual}
+    # The topic's name marks guessed torques, because a recording has no other place for a caution.
+    guessed = "guessed_" * vehicle.assumptions.is_placeholder(axis.force_unit)
+    names = field_names([thruster.name for thruster in vehicle.thrusters])
+    commands = dict(zip(names, trial.commands.T, strict=True))
+    return [
+        _topic(axis.rate_signal, time, rate, axis.rate_unit),
+        _topic(axis.position_signal, trial.time, position, unit),
+        _topic(guessed + axis.force_name, residual.run.rates.time, torque, axis.force_unit),
+        _topic("commands", trial.time, commands, ""),
+    ]
+
+
+def _topic(name: str, time: FloatArray, signals: dict[str, FloatArray], unit: str) -> OutputTopic:
+    """A topic with the signals that have any finite value."""
+    known = {name_with_unit(signal, unit): values for signal, values in signals.items() if np.isfinite(values).any()}
+    return OutputTopic(name=f"/{name}", time=time, fields=known, units=dict.fromkeys(known, unit))

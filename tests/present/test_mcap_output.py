@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
-from rovid.present.mcap_output import recording_outputs
+from rovid.present.residuals import recording_outputs
 from rovid.readers import read_log
 from rovid.trial.config import load_config
 from rovid.trial.trial import Trial

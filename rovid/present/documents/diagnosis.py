@@ -30,7 +30,8 @@ def diagnosis_document(diagnosis: result.Diagnosis, study: Study) -> fits.Docume
     shown, horizons, signals = "deg" if axis.angular else "m", [], []
     for errors in diagnosis.horizons:
         sides = {f"base_{shown}": errors.base, f"extended_{shown}": errors.extended}
-        horizons.append({"seconds": errors.seconds} | {side: axis.to_display(error) for side, error in sides.items()})
+        shown_sides: fits.Document = {side: axis.to_display(error) for side, error in sides.items()}
+        horizons.append({"seconds": errors.seconds} | shown_sides)
     for signal, gain in diagnosis.signals:
         signals.append({"signal": signal_name(signal), "acts_as": signal.form, "log_likelihood_gain": gain})
     document = {

@@ -49,35 +49,22 @@ def draw_figures(report: ReportData) -> ReportFigures:
     with forked_workers():
         faults = []
         for number, fault in enumerate([fault for fault in report.faults if fault.excerpt][:FAULT_PLOTS], 1):
-            plot = results.plot_fault(fault)
-            text = "The signal at the fault."
-            faults.append(FigureDraft(f"fault_{number:02d}", plot, caption=f"{fault.title}.", alt=text))
-        large = []
+            name, plot = f"fault_{number:02d}", results.plot_fault(fault)
+            faults.append(FigureDraft(name, plot, caption=f"{fault.title}.", alt="The signal at the fault."))
+        large, overview, rate = [], [], report.axis.rate_words
         for place in sorted(worst_first(report.simulations_with)[:LARGE_PLOTS]):
             item = report.simulations_with[place]
-            name, axis = item.run.trial.name, item.run.trial.axis
-            large.append(
-                FigureDraft(
-                    f"trial_{place + 1:02d}_{_file_name(name)}",
-                    trials.plot_trial(item),
-                    caption=f"{name}: {axis.force_name}, {axis.rate_words} and the simulation's errors.",
-                    alt=_error_words(item, item),
-                )
-            )
-        overview = []
+            name, plot = item.run.trial.name, trials.plot_trial(item)
+            caption = f"{name}: {report.axis.force_name}, {rate} and the simulation's errors."
+            name = f"trial_{place + 1:02d}_{_file_name(name)}"
+            large.append(FigureDraft(name, plot, caption=caption, alt=_error_words(item, item)))
         pairs = list(zip(report.simulations_without, report.simulations_with, strict=True))
-        models = " by the plain and the extended model" if report.extended else ""
-        rate = report.axis.rate_words
+        caption = f"Measured {rate} of every trial, simulated freely"
+        caption += " by the plain and the extended model." if report.extended else "."
         for sheet, suffix in paginate(pairs, trials.PER_SHEET):
             fits = "; ".join(f"{item.run.trial.name} R² {format_number(item.fit.r2, '.4f')}" for _, item in sheet)
-            overview.append(
-                FigureDraft(
-                    f"overview{suffix}",
-                    trials.plot_overview(sheet),
-                    caption=f"Measured {rate} of every trial, simulated freely{models}.",
-                    alt=f"Measured and simulated {rate} over time: {fits}.",
-                )
-            )
+            text = f"Measured and simulated {rate} over time: {fits}."
+            overview.append(FigureDraft(f"overview{suffix}", trials.plot_overview(sheet), caption=caption, alt=text))
         sections = {
             "faults": faults,
             "thrust": list(_thrust(report)),
@@ -109,8 +96,8 @@ def _worst(report: ReportData) -> dict[str, str]:
     if not report.simulations_without:
         return {}
     (before, after), guess = _worst_pair(report), report.vehicle.assumptions
-    caption = f"The worst trial, {before.run.trial.name}, simulated freely."
-    worst = {"caption": caption, "alt": _error_words(before, after)}
+    worst = {"caption": f"The worst trial, {before.run.trial.name}, simulated freely."}
+    worst["alt"] = _error_words(before, after)
     for name, width, rows in (("wide", 5.6, (1.9, 1.0)), ("narrow", 3.9, (0.75, 0.45))):
         figure = canvas.mark_guessed(trials.plot_before_after(before, after, width=width, rows=rows), guess)
         worst[name] = canvas.render_inline_svg(figure, name)
@@ -133,15 +120,11 @@ def _error_words(before: TrialSimulation, after: TrialSimulation) -> str:
 def _thrust(report: ReportData) -> Iterator[FigureDraft]:
     runs = report.runs.items if report.runs else ()
     figure = models.plot_thrust_curves(report.vehicle, runs)
-    if figure is None:
-        return
-    names = ", ".join(thruster.name for thruster in report.vehicle.thrusters)
-    yield FigureDraft(
-        "thrust_curves",
-        figure,
-        caption="Bench curve of each thruster. The thick, shaded part is what the logs use.",
-        alt=f"Thrust in newtons against command for {names}, with the range of commands in the logs marked.",
-    )
+    if figure is not None:
+        names = ", ".join(thruster.name for thruster in report.vehicle.thrusters)
+        caption = "Bench curve of each thruster. The thick, shaded part is what the logs use."
+        text = f"Thrust in newtons against command for {names}, with the range of commands in the logs marked."
+        yield FigureDraft("thrust_curves", figure, caption=caption, alt=text)
 
 
 def _steady(report: ReportData) -> Iterator[FigureDraft]:
@@ -185,9 +168,8 @@ def _sines(report: ReportData) -> Iterator[FigureDraft]:
     for number, (runs, suffix) in enumerate(sheets, start=1):
         caption = f"Mean period of each sine run, sheet {number} of {len(sheets)}."
         if number == 1:
-            caption = (
-                f"Mean period of each sine run; right, {force} over rate. The marks are the three moments of a peak."
-            )
+            caption = f"Mean period of each sine run; right, {force} over rate."
+            caption += " The marks are the three moments of a peak."
         periods = ", ".join(f"{trial.period:.3g}" for trial in runs)
         text = f"{force.capitalize()}, {axis.rate_words} and acceleration over one period of {periods} s: the "
         text += f"acceleration peaks about when the {force} does, the rate later."
@@ -208,13 +190,10 @@ def _residuals(report: ReportData) -> Iterator[FigureDraft]:
         return
     axis, force = report.axis, report.axis.force_name
     items = unexplained_torques(report.runs, report.parameters.model(), report.vehicle)
-    yield FigureDraft(
-        "residuals",
-        trials.plot_residuals(items, report.runs.cutoff),
-        caption=f"Residual {force} against rate, {force} and time, its autocorrelation, and its spectrum.",
-        alt=f"Panels of the residual {force}: against {axis.rate_words}, against {force}, over time, "
-        "its autocorrelation and its spectrum.",
-    )
+    caption = f"Residual {force} against rate, {force} and time, its autocorrelation, and its spectrum."
+    text = f"Panels of the residual {force}: against {axis.rate_words}, against {force}, over time, "
+    text += "its autocorrelation and its spectrum."
+    yield FigureDraft("residuals", trials.plot_residuals(items, report.runs.cutoff), caption=caption, alt=text)
 
 
 def _rivals(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
@@ -242,13 +221,10 @@ def _drivers(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
         if missing is None:
             continue
         driver = missing.driver.rpartition(",")[0] or missing.driver
-        draft = FigureDraft(
-            f"missing_{_file_name(effect.key)}",
-            trials.plot_missing_torque(missing, axis),
-            caption=f"The {axis.force_name} that the model misses without {effect_title(effect, axis)}.",
-            alt=f"Missing {axis.force_name} against {driver}: the readings lie about the line of the equation.",
-        )
-        yield effect.key, draft
+        name, plot = f"missing_{_file_name(effect.key)}", trials.plot_missing_torque(missing, axis)
+        caption = f"The {axis.force_name} that the model misses without {effect_title(effect, axis)}."
+        text = f"Missing {axis.force_name} against {driver}: the readings lie about the line of the equation."
+        yield effect.key, FigureDraft(name, plot, caption=caption, alt=text)
 
 
 def _diagnosed_runs(report: ReportData) -> PreparedRuns | None:
@@ -263,12 +239,9 @@ def _compared(report: ReportData) -> Iterator[FigureDraft]:
     if not report.nested or report.extended is None:
         return
     before, after = _worst_pair(report)
-    yield FigureDraft(
-        "diagnosis_gain",
-        trials.plot_before_after(before, after, width=canvas.WIDTH, rows=(2.4, 1.5)),
-        caption=f"The worst trial, {before.run.trial.name}, simulated freely by the plain and the extended model.",
-        alt=_error_words(before, after),
-    )
+    plot = trials.plot_before_after(before, after, width=canvas.WIDTH, rows=(2.4, 1.5))
+    caption = f"The worst trial, {before.run.trial.name}, simulated freely by the plain and the extended model."
+    yield FigureDraft("diagnosis_gain", plot, caption=caption, alt=_error_words(before, after))
 
 
 def _left_over(report: ReportData) -> Iterator[FigureDraft]:

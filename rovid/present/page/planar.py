@@ -96,6 +96,9 @@ def build_planar_report(
         full = base
     report("Simulating and drawing …")
     before = study.simulate(base.model)
+    headline = printed.fit_sentence(full)
+    if diagnosis is not None:
+        headline = sentences.verdict_sentence(diagnosis, study.vehicle.assumptions)
     contents = PlanarReport(
         study=study,
         stored=store(full),
@@ -105,9 +108,7 @@ def build_planar_report(
         after=before if full is base else study.simulate(full.model),
         missing=_missing(study, study.data.runs[worst_run(before)], base, full),
         manoeuvres=model_manoeuvres(full, study.data),
-        headline=printed.fit_sentence(full)
-        if diagnosis is None
-        else sentences.verdict_sentence(diagnosis, study.vehicle.assumptions),
+        headline=headline,
         diagnosis=diagnosis,
     )
     page = _write(folder, contents, claim, journal)
@@ -133,9 +134,8 @@ def _write(folder: Path, report: PlanarReport, claim: OutputSet, journal: Sequen
     """Write ``folder``/index.html and the plots; return the page."""
 
     def draw() -> dict[str, page_files.ReportFigure]:
-        return {
-            draft.name: page_files.render_draft(draft, report.study.vehicle.assumptions) for draft in _drafts(report)
-        }
+        guess = report.study.vehicle.assumptions
+        return {draft.name: page_files.render_draft(draft, guess) for draft in _drafts(report)}
 
     figures = draw()
     plots = page_files.plot_files(figures.values(), folder / "plots")
@@ -172,14 +172,14 @@ def _drafts(report: PlanarReport) -> Iterator[page_files.FigureDraft]:
     length = report.study.vehicle.length
     if length is not None and not is_yaw_alone(report.study.data):
         with contextlib.suppress(DataError):
-            model = report.full.model
-            system = SteeringSystem.of(report.study.data, model)
-            yield page_files.FigureDraft(
-                "planar_turning_curve",
-                plots.plot_turning_curve(turning_curve(model, system, length), angle=system.rudders > 0),
-                caption="Steady turns of the model: r' = r·L/U against the steering.",
-                alt="Dimensionless yaw rate against steering.",
+            system = SteeringSystem.of(report.study.data, report.full.model)
+            curve = turning_curve(report.full.model, system, length)
+            plot, text = (
+                plots.plot_turning_curve(curve, angle=system.rudders > 0),
+                "Dimensionless yaw rate against steering.",
             )
+            caption = "Steady turns of the model: r' = r·L/U against the steering."
+            yield page_files.FigureDraft("planar_turning_curve", plot, caption=caption, alt=text)
     if report.missing is not None:
         run, *_ = report.missing
         yield page_files.FigureDraft(
@@ -188,14 +188,6 @@ def _drafts(report: PlanarReport) -> Iterator[page_files.FigureDraft]:
             caption=f"{run}: forces that each model misses along each axis, from the smoothed motion.",
             alt=f"Missing forces of {run} against time.",
         )
-
-
-def _manoeuvre_tables(report: PlanarReport) -> list[ResultTable]:
-    """Manoeuvres in the runs, and standard manoeuvres of the model."""
-    data, fit = report.study.data, report.full
-    if is_yaw_alone(data):
-        return []
-    return run_manoeuvre_tables(run_manoeuvres(fit.model, data)) + model_manoeuvre_tables(report.manoeuvres)
 
 
 def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]) -> str:
@@ -207,11 +199,16 @@ def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]
     def of_kind(kind: str) -> list[page_files.ReportFigure]:
         return [figure for name, figure in figures.items() if name.startswith(f"planar_{kind}")]
 
-    speeds = of_kind("speeds")
-    found = report.diagnosis
-    warnings = fit.warnings if found is None or found.extended is None else found.warnings
-    causes = () if found is None else found.causes
-    cause_words = []
+    speeds, found, warnings, step = of_kind("speeds"), report.diagnosis, fit.warnings, None
+    if found is not None:
+        warnings = warnings if found.extended is None else found.warnings
+        plan = sentences.plan_command(report.stored.path, PLANAR)
+        step = sentences.next_step(found, next_planar_experiment(found), guess, plan)
+    manoeuvres: list[ResultTable] = []
+    if not is_yaw_alone(study.data):
+        manoeuvres = run_manoeuvre_tables(run_manoeuvres(fit.model, study.data))
+        manoeuvres += model_manoeuvre_tables(report.manoeuvres)
+    causes, cause_words = () if found is None else found.causes, []
     for cause in causes:
         name = sentences.cause_name(cause)
         text = f"{name[:1].upper()}{name[1:]}: {size_words(cause)}. {sentences.evidence_words(cause).capitalize()}."
@@ -230,16 +227,12 @@ def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]
         "undetermined": printed.undetermined_sentences(fit),
         "by_prior": printed.prior_sentences(fit),
         "unknown": UNIDENTIFIABLE["thrust_scale"],
-        "next_step": None
-        if found is None
-        else sentences.next_step(
-            found, next_planar_experiment(found), guess, sentences.plan_command(report.stored.path, PLANAR)
-        ),
+        "next_step": step,
         "tracks": of_kind("tracks"),
         "worst": speeds[:1],
         "others": speeds[1:],
         "missing": of_kind("missing"),
-        "manoeuvres": _manoeuvre_tables(report),
+        "manoeuvres": manoeuvres,
         "curve": of_kind("turning_curve"),
         "parameters": planar_parameters_table(report.stored),
         "without": planar_simulation_table(report.before) if report.base is not fit else None,

@@ -17,26 +17,16 @@ from rovid.diagnose.result import discriminating_experiment
 from rovid.effects import restoring_effect
 from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import base_names
+from rovid.present import sentences
 from rovid.present.number_format import arm_words, parameter_title, steady_state_words, unit_symbol
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.page_files import claim_page, long_date, read_assets, template_environment, write_page
-from rovid.present.page.summary import size_words, summarize
-from rovid.present.page.viewer_data import viewer_document
+from rovid.present.page.summary import size_words, summarize, viewer_document
 from rovid.present.plots.canvas import WIDTH, journal_plots, render_inline_svg
 from rovid.present.plots.results import plot_drag, plot_ratios
 from rovid.present.plots.trials import plot_before_after
 from rovid.present.report_data import ReportData, worst_first
 from rovid.present.residuals import rms_sizes, unexplained_torques
-from rovid.present.sentences import (
-    cause_title,
-    comparison_headline,
-    comparison_sentences,
-    control_verdict,
-    document_key,
-    effect_title,
-    evidence_definitions,
-    evidence_words,
-)
 from rovid.present.tables import diagnosis, fits, trials
 from rovid.present.tables.diagnosis import changes_table, cross_prediction_table
 from rovid.trial.assumptions import Assumptions
@@ -54,12 +44,12 @@ def write_comparison(
     environment.globals["guess"] = guess
     context: dict[str, Any] = {
         "comparison": comparison,
-        "headline": comparison_headline(comparison),
-        "reasons": list(comparison_sentences(comparison)),
+        "headline": sentences.comparison_headline(comparison),
+        "reasons": list(sentences.comparison_sentences(comparison)),
         "parameters": changes_table(comparison, guess),
         "predictions": cross_prediction_table(comparison),
         "pictures": list(_pictures(comparison)),
-        "causes": [list(map(cause_title, names)) for names in comparison.causes],
+        "causes": [list(map(sentences.cause_title, names)) for names in comparison.causes],
         "warnings": [*comparison.warnings, *notes],
         "today": long_date(datetime.now(UTC).date()),
         "version": __version__,
@@ -70,7 +60,7 @@ def write_comparison(
 def _pictures(comparison: Comparison) -> Iterator[tuple[Markup, str]]:
     """Each picture with its caption."""
     changes, axis = comparison.changes, comparison.a.axis
-    ratios = plot_ratios(changes, {name: parameter_title(document_key(name)) for name in changes.pair.names})
+    ratios = plot_ratios(changes, {name: parameter_title(sentences.document_key(name)) for name in changes.pair.names})
     if ratios is not None:
         text = "B over A of each parameter, by itself, with its 95 % interval; filled: the parameter changed."
         yield (render_inline_svg(ratios, "ratios"), text)
@@ -170,11 +160,11 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "box": _box_sides(report.vehicle),
         "methods": METHODS,
         "sections": _sections(report, figures),
-        "control_verdict": control_verdict,
+        "control_verdict": sentences.control_verdict,
         "size_of": size_words,
-        "evidence_words": evidence_words,
-        "evidence_definitions": evidence_definitions,
-        "effect_title": effect_title,
+        "evidence_words": sentences.evidence_words,
+        "evidence_definitions": sentences.evidence_definitions,
+        "effect_title": sentences.effect_title,
         "deciding_experiment": discriminating_experiment,
         "fit_tables": fits,
         "trial_tables": trials,

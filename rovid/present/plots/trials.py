@@ -90,7 +90,8 @@ _Drivers = list[tuple[Axes, FloatArray]]
 
 def _residual_panels(items: Sequence[residuals.ResidualTorque]) -> tuple[Figure, _Drivers, list[Axes]]:
     """Panels against rate and, if thrusters push, torque, each with these; panels of course, lags and frequencies."""
-    rates, torques = residuals.all_rates(items), residuals.all_thruster_torques(items)
+    rates = np.concatenate([item.run.rates.rate for item in items])
+    torques = residuals.all_thruster_torques(items)
     drivers = [rates, torques] if np.any(np.nan_to_num(torques)) else [rates]
     rows = [(2.2, len(drivers)), (2.2, 1), (1.9, 2)]
     figure, (top, *others) = panel_grid(rows, top=0.4, across=0.95)
@@ -108,7 +109,8 @@ def _label_residuals(drivers: _Drivers, axis: Axis, quantity: str) -> Legend:
 
 def _plot_means(panel: Axes, means: residuals.BinMeans, **look: Any) -> None:
     """Means with their standard errors."""
-    panel.errorbar(means.driver, means.mean, yerr=means.error, markersize=4, elinewidth=1.0, capsize=2, **look)
+    driver, mean, error = means
+    panel.errorbar(driver, mean, yerr=error, markersize=4, elinewidth=1.0, capsize=2, **look)
 
 
 def _scatter(panel: Axes, driver: FloatArray, residual: FloatArray, independent: float) -> None:
