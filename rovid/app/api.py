@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rovid.app import form_state
-from rovid.app.sandbox import RootFolder
+from rovid.app.access import RootFolder
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
 from rovid.core.input_files import read_toml, require_exists
 from rovid.core.output_files import OutputFile, OutputSet
@@ -151,9 +151,8 @@ class Api:
         files = config_files(survey)
         config, *curves = files
         contents = {output: files[output].encode() for output in curves}
-        text = form_state.with_form_data(
-            files[config], form, {output.path.name: data for output, data in contents.items()}
-        )
+        beside = {output.path.name: data for output, data in contents.items()}
+        text = form_state.with_form_data(files[config], form, beside)
         OutputSet([*files], force=_may_replace(files)).write({config: text, **contents})
         return {"written": [self.root.name(output.path) for output in files]}
 
@@ -216,11 +215,10 @@ class Api:
             self._logs_read.clear()
             self._surveys.clear()
             self._logs_read[key] = read_logs(paths, time_unit=form.time_unit)
-        guessed = self._cached_survey(key, SurveyOptions(vehicle=form.vehicle, interactive=True, planar=form.planar))
+        own = SurveyOptions(vehicle=form.vehicle, interactive=True, planar=form.planar)
+        guessed = self._cached_survey(key, own)
         headings, commands = form.changes(guessed)
-        options = SurveyOptions(
-            vehicle=form.vehicle, headings=headings, commands=commands, interactive=True, planar=form.planar
-        )
+        options = replace(own, headings=headings, commands=commands)
         # This survey also determines the sign of the chosen columns, which takes time.
         self._cached_survey(key, options)
         return guessed, survey_read_logs(self._logs_read[key], options, form.overrides)
@@ -262,22 +260,18 @@ def _check(paths: Sequence[Path], config: Path, place: Path, *, planar: bool) ->
     except RovidError as error:
         text = str(error).replace(str(config.parent), str(place.parent))
         return {"verdict": "no_go", "words": "No go: rovid.toml is not complete yet.", "tasks": [text], "notes": []}
+    spots = []
+    for fault in checked.faults:
+        if spot := fault.excerpt:
+            values = [value if math.isfinite(value) else None for value in spot.displayed.tolist()]
+            document = {"title": fault.title, "label": spot.label, "time": spot.time.tolist()}
+            spots.append(document | {"values": values, "at": fault.at})
     lead, words, _ = VERDICTS[checked.verdict]
     answer: Document = {
         "verdict": checked.verdict,
         "words": f"{lead} {words}",
         "caution": loaded.vehicle.assumptions.caution,
-        "spots": [
-            {
-                "title": fault.title,
-                "label": fault.excerpt.label,
-                "time": fault.excerpt.time.tolist(),
-                "values": [value if math.isfinite(value) else None for value in fault.excerpt.displayed.tolist()],
-                "at": fault.at,
-            }
-            for fault in checked.faults
-            if fault.excerpt
-        ][:_SPOTS],
+        "spots": spots[:_SPOTS],
     }
     answer |= {"tasks": list(check_tasks(checked)), "notes": check_notes(checked)}
     if isinstance(checked, PlanarCheck):

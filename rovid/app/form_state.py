@@ -38,14 +38,11 @@ def columns_document(
     first = min((float(time.min()) for time in times), default=0.0) - origin
     last = max((float(time.max()) for time in times), default=0.0) - origin
     low, high = max(begin, first), min(end, last)
-    return {
-        "begin": first,
-        "end": last,
-        "columns": [
-            {"source": source, **_decimate(column.time - origin, column.values, low, high, bins, turns.get(source))}
-            for source, column in columns.items()
-        ],
-    }
+    shown = []
+    for source, column in columns.items():
+        document = _decimate(column.time - origin, column.values, low, high, bins, turns.get(source))
+        shown.append({"source": source, **document})
+    return {"begin": first, "end": last, "columns": shown}
 
 
 def _time_origin(columns: Mapping[str, RawColumn], needed: Sequence[str]) -> float:
@@ -81,13 +78,8 @@ def _decimate(
         starts = np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], bins, endpoint=False)))
         low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
         time = time[starts]
-    # Times in s to 0.1 ms.
-    clock = [round(value, 4) for value in time.tolist()]
-    return document | {
-        "time": clock,
-        "low": list(map(_rounded, low.tolist())),
-        "high": list(map(_rounded, high.tolist())),
-    }
+    document["time"] = [round(value, 4) for value in time.tolist()]  # s, to 0.1 ms
+    return document | {"low": list(map(_rounded, low.tolist())), "high": list(map(_rounded, high.tolist()))}
 
 
 def _rounded(value: float) -> float:
@@ -136,51 +128,38 @@ def parse_form(document: object) -> FormState:
         every = [command for group in (commands or {}).values() for command in group]
         exclusions = []
         for one in document.get("leave_out", []):
-            end = one.get("to")
-            exclusions.append(
-                Exclusion(
-                    log=_text(one["log"]),
-                    begin=_number(one.get("from") or 0.0),
-                    end=math.inf if end is None else _number(end),
-                    reason=_text(one.get("reason", "")),
-                )
-            )
+            log, reason, end = _text(one["log"]), _text(one.get("reason", "")), one.get("to")
+            begin, end = _number(one.get("from") or 0.0), math.inf if end is None else _number(end)
+            exclusions.append(Exclusion(log=log, begin=begin, end=end, reason=reason))
+        angles = {_text(one["source"]): _number(one["angle"]) for one in every if one.get("angle") is not None}
         overrides = UserOverrides(
             name=_text(document.get("name", "")),
             size={key: _number(sizes[key], least=1e-6) for key in _SIZES if key in sizes},
             signals=None if signals is None else {kind: _signals(group) for kind, group in signals.items()},
             commands=None if commands is None else frozenset(_text(command["source"]) for command in every),
             arms={_text(one["source"]): _number(one["arm"]) for one in every if one.get("arm") is not None},
-            directions={
-                _text(one["source"]): math.radians(_number(one["angle"]))
-                for one in every
-                if one.get("angle") is not None
-            },
+            directions={source: math.radians(angle) for source, angle in angles.items()},
             names={_text(one["source"]): _text(one["name"]) for one in every if one.get("name")},
             rudders={_text(name): _number(one, least=1e-9) for name, one in document.get("rudders", {}).items()},
             exclusions=tuple(exclusions),
         )
-        name = document.get("vehicle", "")
+        name, time_unit = document.get("vehicle", ""), document.get("time_unit", "auto")
         # A preset file of the user is for the command line only: the page reads nothing outside of its folder.
         if not isinstance(name, str) or name.endswith(".toml"):
             raise ValueError("vehicle")
+        if time_unit not in TIME_UNITS:
+            raise ValueError("time_unit")
         return FormState(
             logs=tuple(map(str, document["logs"])),
             vehicle=name,
             signals=overrides.signals,
             overrides=overrides,
             document=document,
-            time_unit=_time_unit(document.get("time_unit", "auto")),
+            time_unit=time_unit,
             planar=document.get("axes") == "planar",
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ConfigError(f"the page sent an invalid choice ({error}).", mend="Load the page again.") from error
-
-
-def _time_unit(name: object) -> str:
-    if name not in TIME_UNITS:
-        raise ValueError("time_unit")
-    return str(name)
 
 
 def _text(value: object) -> str:
@@ -236,7 +215,9 @@ def choices_of(text: str, kinds: Collection[str]) -> dict[str, Any]:
             shown = {"source": one[kind], "unit": one.get("unit", ""), "sign": one.get("sign", 1)}
             signals.setdefault(kind, {})[name] = shown
     thrusters = config.get("thrusters")
-    for one in filter(_is_table, thrusters if isinstance(thrusters, list) else []):
+    for one in thrusters if isinstance(thrusters, list) else []:
+        if not isinstance(one, dict):
+            continue
         for kind in _sources(one.get("command"), kinds):
             shown = {"source": one["command"][kind], "name": str(one.get("name", "")), "arm": one.get("yaw_arm")}
             commands.setdefault(kind, []).append(shown)
@@ -247,12 +228,8 @@ def choices_of(text: str, kinds: Collection[str]) -> dict[str, Any]:
     return {"signals": signals, "commands": commands, "size": sizes, "name": name, "time_unit": unit}
 
 
-def _is_table(value: object) -> bool:
-    return isinstance(value, dict)
-
-
 def _tables(value: object) -> dict[str, dict[str, Any]]:
-    return {key: one for key, one in value.items() if _is_table(one)} if isinstance(value, dict) else {}
+    return {key: one for key, one in value.items() if isinstance(one, dict)} if isinstance(value, dict) else {}
 
 
 def _sources(one: object, kinds: Collection[str]) -> list[str]:

@@ -7,6 +7,8 @@ import secrets
 import signal
 import socket
 import sys
+import threading
+import webbrowser
 from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -19,10 +21,9 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
+from rovid.app import access
 from rovid.app.api import Api, axes_options, config_folder, output_paths, shell_word
-from rovid.app.auth import ADDRESS, Asgi, LimitedProtocol, TokenGuard, limit_messages
 from rovid.app.jobs import JobQueue
-from rovid.app.sandbox import RootFolder, SessionFolder, Upload, clean_name, session_folder
 from rovid.core.errors import ConfigError, OutputError, RovidError
 from rovid.core.output_files import PAGE
 from rovid.preflight.raw_columns import FULL_TURN
@@ -49,17 +50,17 @@ _REPORT_POLICY = (
 class _Handlers:
     """The request handlers."""
 
-    def __init__(self, root: RootFolder, logs: Sequence[Path], budget: float | None, session: SessionFolder) -> None:
+    def __init__(self, root: access.RootFolder, logs: Sequence[Path], budget: float | None, session: Path) -> None:
         self.root = root
         self.session = session
         self.options = [] if budget is None else ["--budget", f"{budget:g}"]
-        self.api = Api(root=root, scratch=session.path)
+        self.api = Api(root=root, scratch=session)
         self.jobs = JobQueue()
         self.logs = [root.name(log.resolve()) for log in logs]
         self.upload_folders: set[str] = set()
         self.reports: dict[str, Path] = {}
 
-    def app(self) -> Asgi:
+    def app(self) -> access.Asgi:
         """The application, with paths that do not contain the token."""
         routes = [
             Route("/", self.static),
@@ -77,7 +78,7 @@ class _Handlers:
             Route("/api/cancel", self.cancel, methods=["POST"]),
             Route("/report/{key}", self.report),
         ]
-        handlers = {RovidError: _user_error, ClientDisconnect: _no_answer, Exception: _defect}
+        handlers = dict.fromkeys((RovidError, ClientDisconnect, Exception), _error)
         return Starlette(routes=routes, exception_handlers=handlers)
 
     def static(self, request: Request) -> Response:
@@ -123,17 +124,16 @@ class _Handlers:
     async def upload(self, request: Request) -> Response:
         """Store one dropped file in a new folder, or in the folder of an earlier upload."""
         if self.root.folder != Path.cwd().resolve():
-            raise ConfigError(
-                "logs can only be dropped if the page shows the folder in which `rovid open` was started."
-            )
-        name = clean_name(request.query_params.get("name", ""))
+            text = "logs can only be dropped if the page shows the folder in which `rovid open` was started."
+            raise ConfigError(text)
+        name = access.clean_name(request.query_params.get("name", ""))
         folder = request.query_params.get("folder", "")
         if folder and folder not in self.upload_folders:
             raise ConfigError("is not a folder of dropped logs.", where=folder)
         if not folder:
             folder = self.root.name(await run_in_threadpool(self.root.new_folder))
             self.upload_folders.add(folder)
-        upload = await run_in_threadpool(Upload.start, self.root.path(folder), name, self.session)
+        upload = await run_in_threadpool(access.Upload.start, self.root.path(folder), name, self.session)
         try:
             upload.check_size(request.headers.get("content-length", ""))
             async for part in request.stream():
@@ -166,8 +166,8 @@ class _Handlers:
         if job is None:
             return JSONResponse({"state": "none"})
         document = job.document()
-        if document["page"]:
-            document["report"] = self.report_key(self.root.folder / document["page"])
+        if page := document["page"]:
+            document["report"] = self.report_key(self.root.folder / page)
         return JSONResponse(document)
 
     def cancel(self, _: Request) -> Response:
@@ -210,15 +210,11 @@ def _json_handler(act: Callable[[object], Any]) -> Callable[[Request], Any]:
     return answer
 
 
-def _user_error(_: Request, error: Exception) -> Response:
-    return JSONResponse({"error": str(error)}, status_code=400)
-
-
-def _no_answer(_: Request, __: Exception) -> Response:
-    return Response(status_code=400)
-
-
-def _defect(_: Request, error: Exception) -> Response:
+def _error(_: Request, error: Exception) -> Response:
+    if isinstance(error, ClientDisconnect):
+        return Response(status_code=400)
+    if isinstance(error, RovidError):
+        return JSONResponse({"error": str(error)}, status_code=400)
     text = f"This is a defect of rovid ({type(error).__name__}). The terminal shows the details."
     return JSONResponse({"error": text}, status_code=500)
 
@@ -229,7 +225,7 @@ def listen(port: int) -> socket.socket:
     if sys.platform != "win32":
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind((ADDRESS, port))
+        listener.bind((access.ADDRESS, port))
     except OSError as error:
         listener.close()
         text = f"port {port} of this machine cannot be used ({error.strerror or error})."
@@ -241,7 +237,7 @@ def listen(port: int) -> socket.socket:
 def serve(
     logs: Sequence[Path],
     listener: socket.socket,
-    ready: Callable[[TokenGuard, RootFolder, SessionFolder], None],
+    ready: Callable[[access.TokenGuard, access.RootFolder, Path], None],
     *,
     budget: float | None = None,
 ) -> None:
@@ -252,20 +248,19 @@ def serve(
     ``ready``: Called with the address once the server accepts connections.
     ``budget``: Time in s that a diagnosis may take; None: the default of the logs.
     """
-    root = RootFolder.for_logs(logs)
-    # Let SIGTERM, and SIGHUP of a closed terminal, end the program as Ctrl-C does.
+    root = access.RootFolder.for_logs(logs)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     # nohup ignores SIGHUP.
     if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
-    with session_folder() as session:
+    with access.session_folder() as session:
         handlers = _Handlers(root, logs, budget, session)
-        guard = TokenGuard(app=handlers.app(), port=listener.getsockname()[1], report_keys=handlers.reports)
+        guard = access.TokenGuard(app=handlers.app(), port=listener.getsockname()[1], report_keys=handlers.reports)
         for name in ("uvicorn.error", "asyncio"):
-            limit_messages(logging.getLogger(name))
+            access.limit_messages(logging.getLogger(name))
         config = uvicorn.Config(
             guard,
-            http=LimitedProtocol,
+            http=access.LimitedProtocol,
             # Most connections that are accepted before the limits apply.
             backlog=128,
             access_log=False,
@@ -286,3 +281,15 @@ def serve(
                     signal.signal(getattr(signal, name), signal.SIG_IGN)
             handlers.jobs.close()
             listener.close()
+
+
+def show_in_browser(address: str, folder: Path) -> None:
+    """Open a browser at ``address`` through a file in ``folder``, which only this user can read.
+
+    All users of a machine can read the command lines of its processes, so the address must not be on one.
+    """
+    page = folder / "rovid.html"
+    refresh = f'<meta http-equiv="refresh" content="0;url={address}">'
+    page.write_text(f"<!doctype html>\n<title>rovid</title>\n{refresh}\n", encoding="utf-8")
+    # A text browser blocks until it is closed.
+    threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()

@@ -127,12 +127,11 @@ def _manual(context: typer.Context, name: str | None) -> str | None:
 
 # Commands that share a module with others -> that module.
 _MODULES = {
-    **dict.fromkeys(("init", "check", "convert"), "logs"),
+    **dict.fromkeys(("init", "check", "convert", "open", "mcp"), "report"),
     **dict.fromkeys(("fit-drag", "fit-inertia", "fit-thruster", "fit-thrust-scale"), "fit"),
-    **dict.fromkeys(("effect", "discover"), "diagnose"),
+    **dict.fromkeys(("diagnose", "effect", "discover"), "fit"),
     **dict.fromkeys(("simulate", "plan", "control", "export"), "models"),
     **dict.fromkeys(("compare", "fleet", "watch"), "campaigns"),
-    **dict.fromkeys(("open", "mcp"), "report"),
     "help": "cli",
 }
 for _name, _page in MANUAL.items():

@@ -1,8 +1,9 @@
-"""``rovid report``, ``rovid open`` and ``rovid mcp``: pages, and tools for an assistant."""
+"""The logs before any fit, their page, the page in a browser, and tools for an assistant."""
 
 from __future__ import annotations
 
 import sys
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,15 +11,13 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from rovid.cli import context
-from rovid.cli.context import print_json
 from rovid.cli.options import SharedOptions
 from rovid.cli.sessions import open_planar_session, store_planar_fit
 from rovid.cli.streams import progress
-from rovid.core.errors import ConfigError
+from rovid.core.errors import LINE_LENGTH, ConfigError, DataError, display_text, shortened_list
 
 if TYPE_CHECKING:
-    from rovid.app.auth import TokenGuard
-    from rovid.app.sandbox import RootFolder, SessionFolder
+    from rovid.app.access import RootFolder, TokenGuard
 
 _JOURNAL_WIDTHS = ("84mm", "174mm")
 
@@ -35,7 +34,6 @@ def report(
     shared: SharedOptions,
 ) -> None:
     """Write all results on one page."""
-    widths = list(map(_journal_width, journal or ()))
     planar = context.is_planar(shared)
     if not planar:
         context.compile_in_background()
@@ -44,8 +42,8 @@ def report(
     from rovid.present.page.page_files import pdf_output
 
     document, further = dict[str, Any](schema="rovid-report/1"), dict[str, Any]()
-    choices: dict[str, Any] = {"diagnosed": diagnosis, "budget": shared.budget, "pdf": pdf, "journal": widths}
-    choices["force"] = shared.force
+    choices: dict[str, Any] = {"diagnosed": diagnosis, "budget": shared.budget, "force": shared.force}
+    choices |= {"pdf": pdf, "journal": list(map(_journal_width, journal or ()))}
     if planar:
         from rovid.present.documents.fits import AXES_DOCUMENT, measures_document
         from rovid.present.page.planar import build_planar_report
@@ -54,14 +52,8 @@ def report(
         stored, reported = session.stored, session.study.logs
         folder = output or _default_folder("planar", session.study.vehicle.name, force=shared.force)
         with progress("Fitting surge, sway and yaw …") as show_progress:
-            page, contents = build_planar_report(
-                session.study,
-                stored,
-                folder,
-                lambda fit: store_planar_fit(session, fit),
-                report=show_progress,
-                **choices,
-            )
+            store = partial(store_planar_fit, session)
+            page, contents = build_planar_report(session.study, stored, folder, store, report=show_progress, **choices)
         assumptions, answer = session.study.vehicle.assumptions, contents.headline
         notes = [*session.notes, *contents.notes]
         document |= AXES_DOCUMENT | {"verdict": contents.diagnosis and contents.diagnosis.verdict}
@@ -129,17 +121,17 @@ def open(  # noqa: A001 - the command's name
     if missing:
         text = f"`rovid open` needs the package{'s' * (len(missing) > 1)} {' and '.join(missing)}."
         raise ConfigError(text, mend="Install what it needs with `pip install 'rovid[app]'`.")
-    from rovid.app.auth import show_in_browser
-    from rovid.app.server import listen, serve
 
-    def announce(guard: TokenGuard, root: RootFolder, session: SessionFolder) -> None:
+    from rovid.app.server import listen, serve, show_in_browser
+
+    def announce(guard: TokenGuard, root: RootFolder, session: Path) -> None:
         if shared.json:
-            print_json({"schema": "rovid-open/1", "address": guard.address, "folder": str(root.folder)})
+            context.print_json({"schema": "rovid-open/1", "address": guard.address, "folder": str(root.folder)})
         else:
             typer.echo(f"{guard.address}\nKeep this address secret: it gives access to the page. Ctrl-C ends the page.")
         sys.stdout.flush()
         if browser:
-            show_in_browser(guard.ticket(), session.path)
+            show_in_browser(guard.ticket(), session)
 
     serve(logs or [], listen(port), announce, budget=shared.budget)
 
@@ -152,3 +144,85 @@ def mcp() -> None:
     from rovid.api.mcp_server import server
 
     server().run("stdio")
+
+
+def init(
+    logs: list[Path],
+    *,
+    vehicle: str | None = None,
+    heading: str | None = None,
+    command: str | None = None,
+    shared: SharedOptions,
+) -> None:
+    """Write a first rovid.toml for your logs."""
+    from rovid.core.output_files import OutputSet
+    from rovid.preflight.config_writer import write_config
+    from rovid.preflight.log_survey import SurveyOptions, config_output, survey
+    from rovid.present.documents.results import survey_document
+    from rovid.present.terminal.check import show_survey
+
+    planar = context.is_planar(shared)
+    # An existing file is an error before the logs are read.
+    OutputSet([config_output(logs)], force=shared.force)
+    commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
+    headings = (heading,) if heading else ()
+    options = SurveyOptions(
+        axis=context.named_axis(shared.axis), headings=headings, commands=commands, vehicle=vehicle or "", planar=planar
+    )
+    found, written = write_config(survey(logs, options), logs, force=shared.force)
+    if shared.json:
+        context.print_json(survey_document(found, written))
+    else:
+        show_survey(context.console(), found, written)
+
+
+def check(logs: list[Path], *, shared: SharedOptions) -> None:
+    """Check the logs and list their content and problems."""
+    planar = context.is_planar(shared)
+    from rovid.api.records import check_record
+    from rovid.trial.config import find_config, load_config, load_planar_config
+
+    if planar:
+        from rovid.preflight.planar_check import check_planar
+        from rovid.store.planar_study import planar_prior
+
+        config = load_planar_config(find_config(logs))
+        planar_prior(config)  # A wrong prior is refused before the fit.
+        coupled = check_planar(logs, config)
+        record, problems, usable = check_record(coupled, config.vehicle), coupled.problems, len(coupled.trials)
+    else:
+        from rovid.preflight.check import check_logs
+
+        context.announce_compilation()
+        config = load_config(find_config(logs), context.named_axis(shared.axis))
+        checked = check_logs(logs, config)
+        record, problems, usable = check_record(checked, config.vehicle), checked.problems, len(checked.rows)
+    context.print_record(record, json=shared.json)
+    if problems:
+        name, problem = next(iter(problems.items()))
+        count = f"{len(problems)} of {len(problems) + usable} logs cannot be used"
+        if sys.stdout.isatty() and sys.stderr.isatty():
+            # The numbered list is on the same screen, and has the reason.
+            raise DataError(f"{count}: {shortened_list(problems)}.")
+        lead = f"{count}. " if name in problem else f"{name}: "
+        raise DataError(f"{lead}{problem}")
+
+
+def convert(log: Path, *, output: Path, shared: SharedOptions) -> None:
+    """Convert a log to another format."""
+    from rovid.readers.convert import convert as convert_log
+    from rovid.readers.convert import output_at
+    from rovid.trial.config import find_config, load_config
+
+    target = output_at(output, log)
+    config = load_config(find_config([log]), context.named_axis(shared.axis))
+    outputs = context.reserve_outputs([target], [config.path.parent, log], force=shared.force)
+    converted = convert_log(log, config, output)
+    outputs.write({target: converted.content})
+    remarks = [remark.text for remark in converted.trial.remarks]
+    if shared.json:
+        document = {"schema": "rovid-convert/1", "file": str(output), "configuration": converted.mapping}
+        context.print_json(document | {"warnings": remarks})
+    else:
+        typer.echo(converted.mapping, nl=False)
+        sys.stderr.writelines(f"Note: {display_text(text, LINE_LENGTH)}\n" for text in remarks)

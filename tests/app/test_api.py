@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from rovid.app.access import RootFolder
 from rovid.app.api import Api
-from rovid.app.sandbox import RootFolder
 from rovid.core.errors import RovidError
 from rovid.trial.config import load_config, load_planar_config
 from tests.app.conftest import DAY, logs_into, riddle

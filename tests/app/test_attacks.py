@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.app.auth import MOST_CONNECTIONS
+from rovid.app.access import MOST_CONNECTIONS
 from tests.app.conftest import DAY, logs_into
 from tests.app.served import Served, served
 from tests.app.test_jobs import group

@@ -12,8 +12,8 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from rovid.app.auth import Message, Receive, Send, TokenGuard, show_in_browser
-from rovid.app.sandbox import session_folder
+from rovid.app.access import Message, Receive, Send, TokenGuard, session_folder
+from rovid.app.server import show_in_browser
 from tests.app.served import Served
 
 OTHERS: dict[str, dict[str, str]] = {
@@ -134,7 +134,7 @@ def test_the_browser_gets_the_address_from_a_private_file(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(webbrowser, "open", browse)
     with session_folder() as session:
-        show_in_browser("http://127.0.0.1:5000/a-ticket", session.path)
+        show_in_browser("http://127.0.0.1:5000/a-ticket", session)
         assert told.wait(10.0)
         assert "a-ticket" not in opened[0]
         page = Path(unquote(urlsplit(opened[0]).path))

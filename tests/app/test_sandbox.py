@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from rovid.app import sandbox
-from rovid.app.sandbox import RootFolder, SessionFolder, Upload, clean_name
+from rovid.app import access
+from rovid.app.access import RootFolder, Upload, clean_name
 from rovid.core.errors import RovidError
 from tests.app.served import Served
 
@@ -162,8 +162,8 @@ def test_an_interrupted_upload_leaves_nothing(server: Served, top: Path) -> None
 def test_a_too_large_upload_is_refused_and_leaves_nothing(
     tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sandbox, "LARGEST", 10)
-    arrival = Upload.start(tmp_path, Path("a.csv"), SessionFolder(tmp_path_factory.mktemp("session")))
+    monkeypatch.setattr(access, "LARGEST", 10)
+    arrival = Upload.start(tmp_path, Path("a.csv"), tmp_path_factory.mktemp("session"))
     with pytest.raises(RovidError, match="larger than"):
         arrival.check_size("11")
     arrival.write(b"12345")

@@ -283,9 +283,9 @@ def viewer_document(report: ReportData) -> dict[str, Any]:
 
 def _measures(report: ReportData) -> Iterator[dict[str, Any]]:
     """Title, unit and noise floor of each number of `_errors_document`."""
-    axis, floors, floor = report.axis, {}, None
+    axis, floors, floor = report.axis, dict[float, float](), None
     if report.diagnosis:
-        floors, floor = report.diagnosis.position_floors, report.diagnosis.noise_floor
+        floors, floor = dict(report.diagnosis.position_floors), report.diagnosis.noise_floor
     for horizon in HORIZONS:
         title = f"{axis.position_words} error after {horizon:.0f}\u00a0s"
         yield {"title": title, "unit": axis.display_unit[0], "floor": _rounded(axis.to_display(floors.get(horizon)))}
