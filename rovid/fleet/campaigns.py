@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import Any, Self
 
 from rovid import __version__
 from rovid.core.errors import ConfigError, RovidError
@@ -134,8 +134,7 @@ def _absolute(path: Path) -> Path:
 
 def _search(folder: Path, out: Path) -> Iterator[Path]:
     """Campaigns in one given folder."""
-    campaigns: list[Path] = []
-    log_folders: list[Path] = []
+    campaigns, log_folders = list[Path](), list[Path]()
     if folder.is_dir() and not _is_campaign(folder):
         for name, subfolders, files in os.walk(folder):
             here = Path(name)
@@ -180,6 +179,7 @@ _CODE = "from rovid.core.threads import tune_process; tune_process(); from rovid
 
 # Factor on the budget of a diagnosis, because campaigns share the cores with others.
 _SHARED_CORES = 10.0
+_NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # on Windows
 
 
 def diagnose_campaign(task: CampaignTask, patience: float, cores: int) -> CampaignRecord:
@@ -190,12 +190,7 @@ def diagnose_campaign(task: CampaignTask, patience: float, cores: int) -> Campai
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
         # The process ends when its standard input closes, so it cannot outlive this one.
         with subprocess.Popen(  # noqa: S603 - Python itself
-            command,
-            stdin=subprocess.PIPE,
-            stdout=output,
-            stderr=errors,
-            env=environment,
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+            command, stdin=subprocess.PIPE, stdout=output, stderr=errors, env=environment, creationflags=_NO_WINDOW
         ) as process:
             try:
                 status = process.wait(patience)
@@ -208,16 +203,13 @@ def diagnose_campaign(task: CampaignTask, patience: float, cores: int) -> Campai
                 raise
         took = time.monotonic() - began
         if status:
-            error = _crash_message(status, _read(errors).decode("utf-8", "replace"))
+            errors.seek(0)
+            error = _crash_message(status, errors.read().decode("utf-8", "replace"))
             return _failed(task, error, "crash", patience, took)
-        document = json.loads(_read(output))
+        output.seek(0)
+        document = json.loads(output.read())
         del document["schema"]
         return replace(CampaignRecord(**document), took=round(took, 3), patience=patience)
-
-
-def _read(file: IO[bytes]) -> bytes:
-    file.seek(0)
-    return file.read()
 
 
 def _failed(task: CampaignTask, error: str, failure: str, patience: float, took: float) -> CampaignRecord:
@@ -247,17 +239,17 @@ def _crash_message(status: int, errors: str) -> str:
 def main() -> None:
     """Diagnose the campaign of the first argument and print the record; the entry point of the process."""
     output, sys.stdout = sys.stdout, sys.stderr
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+
+    def exit_with_parent() -> None:
+        # The parent never writes: the read ends when the pipe closes.
+        sys.stdin.read()
+        os._exit(1)
+
+    threading.Thread(target=exit_with_parent, daemon=True).start()
     output.write(campaign_record(CampaignTask(**json.loads(sys.argv[1]))).text)
     output.flush()
     # Threads and helper processes that still wait are not needed any more.
     os._exit(0)
-
-
-def _exit_with_parent() -> None:
-    # The parent never writes: the read ends when the pipe closes.
-    sys.stdin.read()
-    os._exit(1)
 
 
 def campaign_record(task: CampaignTask) -> CampaignRecord:

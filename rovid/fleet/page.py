@@ -37,10 +37,8 @@ VERDICTS: Mapping[str, tuple[str, str, Literal["full", "none"], str]] = {
     "nothing_found": ("o", BLACK, "full", "nothing found"),
     "too_little_data": ("x", BLACK, "full", "too little data"),
 }
-# Half width of a 95 % interval in standard errors.
-_INTERVAL = 1.96
-# Height of a vehicle's row in the timeline, in inches.
-_ROW = 0.32
+# Half width of a 95 % interval in standard errors; height of a vehicle's row in the timeline, in inches.
+_INTERVAL, _ROW = 1.96, 0.32
 # Maximum number of date labels, and of letters of the vehicles' names, across a history plot.
 _DATES, _LETTERS = 9, 120
 
@@ -56,10 +54,16 @@ class PageFigure:
 def fleet_page(fleet: results.Fleet, means: Sequence[results.ShrunkParameter]) -> str:
     """The page as self-contained HTML, with links to the diagnosis of each campaign."""
     found = results.outliers(fleet)
-    timeline_figure = None
-    if any(record.start is not None for record in fleet.done):
+    timeline_figure, dates = None, [f"{datetime.fromtimestamp(start, UTC):%Y-%m-%d}" for start in fleet.starts]
+    if dates:
         alt = "A row for each vehicle and a mark for each campaign at its date. The table below shows the same."
         timeline_figure = PageFigure(svg=render_inline_svg(timeline(fleet), "timeline"), alt=alt)
+    histories, by_name = [], {mean.name: mean for mean in means}
+    for number, name in enumerate(fleet.parameters):
+        marked = {outlier.campaign for outlier in found if outlier.name == name}
+        alt = f"{parameter_title(name)} of each campaign with its 95 % interval, vehicle by vehicle."
+        figure = render_inline_svg(history(fleet, name, marked, by_name.get(name)), f"history{number}")
+        histories.append(PageFigure(svg=figure, alt=alt))
     environment = template_environment("rovid.fleet")
     environment.globals["guess"] = Assumptions()
     table = ResultTable(
@@ -75,7 +79,7 @@ def fleet_page(fleet: results.Fleet, means: Sequence[results.ShrunkParameter]) -
         fleet=fleet,
         version=__version__,
         axis=axis_named(fleet.axis).name,
-        span=_date_range(fleet),
+        span=" to ".join(dict.fromkeys((dates[0], dates[-1]))) if dates else "",
         headline=headline(fleet),
         changes=list(cause_changes(fleet)),
         caution=caution(fleet),
@@ -83,7 +87,7 @@ def fleet_page(fleet: results.Fleet, means: Sequence[results.ShrunkParameter]) -
         rule=results.RULE,
         campaigns=_campaign_table(fleet),
         timeline=timeline_figure,
-        histories=list(_histories(fleet, found, means)),
+        histories=histories,
         causes=_cause_table(fleet),
         outliers=table,
         means=_mean_table(fleet, means),
@@ -92,16 +96,13 @@ def fleet_page(fleet: results.Fleet, means: Sequence[results.ShrunkParameter]) -
 
 def headline(fleet: results.Fleet) -> str:
     """Summary of the verdicts in one line."""
-    counts = f"{_count(len(fleet.records), 'campaign')} of {_count(len(fleet.vehicles), 'vehicle')}"
+    campaigns, vehicles = len(fleet.records), len(fleet.vehicles)
+    counts = f"{campaigns} campaign{'s' * (campaigns != 1)} of {vehicles} vehicle{'s' * (vehicles != 1)}"
     verdicts = list(map(results.verdict, fleet.done))
     parts = [f"{words} in {verdicts.count(key)}" for key, (*_, words) in VERDICTS.items() if key in verdicts]
     if fleet.failed:
         parts.append(f"no diagnosis of {len(fleet.failed)}")
     return f"{counts}: {', '.join(parts)}." if parts else f"{counts}."
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def caution(fleet: results.Fleet) -> str:
@@ -128,14 +129,6 @@ def _effect_title(fleet: results.Fleet, effect: str) -> str:
     return axis_named(fleet.axis).reword(_TITLES[effect])
 
 
-def _date_range(fleet: results.Fleet) -> str:
-    starts = [record.start for record in fleet.done if record.start is not None]
-    if not starts:
-        return ""
-    first, last = (f"{datetime.fromtimestamp(start, UTC):%Y-%m-%d}" for start in (min(starts), max(starts)))
-    return first if first == last else f"{first} to {last}"
-
-
 def _campaign_table(fleet: results.Fleet) -> ResultTable:
     """All campaigns by vehicle and date, then those without a diagnosis."""
     text = "All campaigns. Each name links to the full diagnosis."
@@ -143,30 +136,20 @@ def _campaign_table(fleet: results.Fleet) -> ResultTable:
     for record in (*(record for records in fleet.vehicles.values() for record in records), *fleet.failed):
         key = results.verdict(record)
         words = VERDICTS[key][-1] if key else "no diagnosis"
-        found, suspected = (
-            ", ".join(_effect_title(fleet, effect) for effect in results.causes(record, kind)) or DASH
-            for kind in ("findings", "suspects")
-        )
+        found, suspected = (_cause_titles(fleet, record, kind) for kind in ("findings", "suspects"))
         start = DASH if record.start is None else f"{datetime.fromtimestamp(record.start, UTC):%Y-%m-%d %H:%M}"
         table.add_row(_link(record), record.vehicle or DASH, start, words, record.error or found, suspected)
     return table
+
+
+def _cause_titles(fleet: results.Fleet, record: CampaignRecord, kind: str) -> str:
+    return ", ".join(_effect_title(fleet, effect) for effect in results.causes(record, kind)) or DASH
 
 
 def _link(record: CampaignRecord) -> Markup:
     """The campaign's name, linked to its JSON file."""
     place = quote(f"campaigns/{record.campaign}.json")
     return Markup('<a href="{}">{}</a>').format(place, escape_invisible(record.campaign))
-
-
-def _histories(
-    fleet: results.Fleet, found: Sequence[results.Outlier], means: Sequence[results.ShrunkParameter]
-) -> Iterator[PageFigure]:
-    by_name = {mean.name: mean for mean in means}
-    for number, name in enumerate(fleet.parameters):
-        marked = {outlier.campaign for outlier in found if outlier.name == name}
-        alt = f"{parameter_title(name)} of each campaign with its 95 % interval, vehicle by vehicle."
-        figure = history(fleet, name, marked, by_name.get(name))
-        yield PageFigure(svg=render_inline_svg(figure, f"history{number}"), alt=alt)
 
 
 def _cause_table(fleet: results.Fleet) -> ResultTable | None:
@@ -209,14 +192,12 @@ def timeline(fleet: results.Fleet) -> Figure:
     rows = list(fleet.vehicles.items())
     figure, ((panel,),) = panel_grid([(_ROW * (len(rows) + 1), 1)], left=2.2, top=0.45, bottom=0.5)
     for key, (marker, colour, filling, words) in VERDICTS.items():
-        dated = [
-            (record.start, row)
-            for row, (_, records) in enumerate(rows)
-            for record in records
-            if record.start is not None and results.verdict(record) == key
-        ]
-        if dated:
-            starts, heights = zip(*dated, strict=True)
+        starts, heights = [], []
+        for row, (_, records) in enumerate(rows):
+            same = [one.start for one in records if one.start is not None and results.verdict(one) == key]
+            starts += same
+            heights += [row] * len(same)
+        if starts:
             look: dict[str, Any] = {"color": colour, "markersize": 7.0, "label": words}
             panel.plot(np.array(starts).astype("datetime64[s]"), heights, marker, fillstyle=filling, **look)
     panel.set_yticks(range(len(rows)), [_beginning(name, 26) for name, _ in rows])
@@ -239,9 +220,10 @@ def history(fleet: results.Fleet, name: str, marked: Collection[str], mean: resu
     width = sum(map(len, groups.values())) + len(groups) - 1
     at, ticks = 0, []
     for vehicle, known in groups.items():
-        _label_group(panel, at, vehicle, _LETTERS * len(known) // width, medians.get(vehicle))
+        median = medians.get(vehicle)
+        _label_group(panel, at, vehicle, _LETTERS * len(known) // width, median)
         for record, value in known:
-            plotted, median = value, medians.get(vehicle)
+            plotted = value
             if median is not None:
                 error = 100.0 * value.error / abs(median)
                 plotted = replace(value, value=100.0 * (value.value / median - 1.0), error=error)

@@ -12,7 +12,7 @@ import itertools
 import math
 import re
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -112,6 +112,11 @@ class Fleet:
         return {}
 
     @property
+    def starts(self) -> list[float]:
+        """Dates of the diagnosed campaigns that have one, in s since 1970, the earliest first."""
+        return sorted(record.start for record in self.done if record.start is not None)
+
+    @property
     def done(self) -> tuple[CampaignRecord, ...]:
         """Campaigns with a diagnosis."""
         return tuple(record for record in self.records if record.diagnosis is not None)
@@ -184,9 +189,9 @@ def outliers(fleet: Fleet) -> list[Outlier]:
     return sorted(found, key=lambda outlier: (-abs(outlier.distance), outlier.campaign, outlier.name))
 
 
-def _outliers_among(group: Sequence[tuple[CampaignRecord, ParameterValue]], name: str) -> list[Outlier]:
+def _outliers_among(group: Sequence[tuple[CampaignRecord, ParameterValue]], name: str) -> Iterator[Outlier]:
     if len(group) < MIN_SISTERS:
-        return []
+        return
     values = np.array([value.value for _, value in group])
     errors = np.array([value.error for _, value in group])
     median = float(np.median(values))
@@ -195,18 +200,10 @@ def _outliers_among(group: Sequence[tuple[CampaignRecord, ParameterValue]], name
     deviations = values - np.median(values)
     scatter = _NORMAL * float(np.median(np.abs(deviations)))
     distances = deviations / np.sqrt(scatter**2 + errors**2)
-    return [
-        Outlier(
-            campaign=record.campaign,
-            vehicle=record.vehicle or "",
-            name=name,
-            value=value,
-            median=median,
-            distance=float(distance),
-        )
-        for (record, value), distance in zip(group, distances, strict=True)
-        if abs(distance) > LIMIT
-    ]
+    for (record, value), distance in zip(group, distances.tolist(), strict=True):
+        if abs(distance) > LIMIT:
+            place = {"campaign": record.campaign, "vehicle": record.vehicle or "", "name": name}
+            yield Outlier(**place, value=value, median=median, distance=distance)
 
 
 # Minimum number of campaigns with the parameter; fewer do not determine the scatter.
@@ -232,18 +229,13 @@ class ShrunkParameter:
 
 def shrink(fleet: Fleet) -> tuple[ShrunkParameter, ...]:
     """Shrunk values of each parameter that at least `MIN_SHRUNK` campaigns have."""
-    results = [_shrink(fleet, name) for name in fleet.parameters]
-    return tuple(result for result in results if result is not None)
+    return tuple(filter(None, (_shrink(fleet, name) for name in fleet.parameters)))
 
 
 def _shrink(fleet: Fleet, name: str) -> ShrunkParameter | None:
-    known = {
-        record.campaign: (vehicle, value)
-        for vehicle, campaigns in fleet.campaigns_with(name).items()
-        for record, value in campaigns
-        if value.is_comparable
-    }
-    unit = fleet.units[name]
+    known, unit = dict[str, tuple[str, ParameterValue]](), fleet.units[name]
+    for vehicle, campaigns in fleet.campaigns_with(name).items():
+        known |= {record.campaign: (vehicle, value) for record, value in campaigns if value.is_comparable}
     if len(known) < MIN_SHRUNK or not unit:
         return None
     values = np.array([value.value for _, value in known.values()])

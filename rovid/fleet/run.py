@@ -70,12 +70,11 @@ def parquet_table(fleet: Fleet, means: Sequence[ShrunkParameter]) -> bytes:
         columns |= _parameter_columns(f"{mean.name}_shrunk", values, fleet.units[mean.name], number)
     columns["seconds"] = (number, [record.seconds for record in records], "s")
     columns["error"] = (text, [record.error for record in records], "")
-    fields = [
-        pa.field(name, kind, metadata={"unit": unit} if unit else None) for name, (kind, _, unit) in columns.items()
-    ]
-    metadata = json.dumps({"schema": SCHEMA, "rovid": __version__, "axis": fleet.axis})
+    metadata, fields, arrays = json.dumps({"schema": SCHEMA, "rovid": __version__, "axis": fleet.axis}), [], []
+    for name, (kind, values, unit) in columns.items():
+        fields.append(pa.field(name, kind, metadata={"unit": unit} if unit else None))
+        arrays.append(pa.array(values, kind))
     schema = pa.schema(fields, metadata={"rovid": metadata})
-    arrays = [pa.array(values, kind) for kind, values, _ in columns.values()]
     stream = io.BytesIO()
     pq.write_table(pa.Table.from_arrays(arrays, schema=schema), stream, compression="zstd")
     return stream.getvalue()
@@ -93,6 +92,7 @@ def _parameter_columns(name: str, values: Sequence[Any], unit: str, kind: Any) -
 def fleet_document(output: FleetOutput) -> dict[str, Any]:
     """The document of `rovid fleet --json`."""
     fleet = output.fleet
+    far = [{"campaign": one.campaign, "parameter": one.name, "distance": one.distance} for one in outliers(fleet)]
     return {
         "schema": SCHEMA,
         "axis": fleet.axis,
@@ -101,24 +101,15 @@ def fleet_document(output: FleetOutput) -> dict[str, Any]:
         "diagnosed_anew": output.diagnosed_anew,
         "campaigns": list(map(_campaign_document, fleet.records)),
         "changes": list(cause_changes(fleet)),
-        "outliers": [
-            {"campaign": one.campaign, "parameter": one.name, "distance": one.distance} for one in outliers(fleet)
-        ],
+        "outliers": far,
     }
 
 
 def _campaign_document(record: CampaignRecord) -> dict[str, Any]:
-    return {
-        "campaign": record.campaign,
-        "vehicle": record.vehicle,
-        "verdict": verdict(record),
-        "findings": causes(record, "findings"),
-        "suspects": causes(record, "suspects"),
-        "guessed": guessed(record),
-        "took_seconds": record.took,
-        "peak_memory_bytes": record.peak_memory,
-        "error": record.error,
-    }
+    document = {"campaign": record.campaign, "vehicle": record.vehicle, "verdict": verdict(record)}
+    document |= {"findings": causes(record, "findings"), "suspects": causes(record, "suspects")}
+    document |= {"guessed": guessed(record), "took_seconds": record.took, "peak_memory_bytes": record.peak_memory}
+    return document | {"error": record.error}
 
 
 def show_fleet(console: Console, output: FleetOutput) -> None:
