@@ -239,16 +239,10 @@ class Autopilot(NamedTuple):
 
 
 def _ardupilot(angle: str, rate: str, *, feedforward: bool) -> dict[str, str]:
-    fields = {
-        "P": "proportional",
-        "I": "integral",
-        "D": "derivative",
-        **({"FF": "feedforward"} if feedforward else {}),
-        "IMAX": "integral_limit",
-        "FLTT": "target_filter",
-        "FLTE": "error_filter",
-        "FLTD": "derivative_filter",
-    }
+    fields = {"P": "proportional", "I": "integral", "D": "derivative"}
+    if feedforward:
+        fields["FF"] = "feedforward"
+    fields |= {"IMAX": "integral_limit", "FLTT": "target_filter", "FLTE": "error_filter", "FLTD": "derivative_filter"}
     return {angle: "angle", **{rate + key: field for key, field in fields.items()}}
 
 
@@ -308,16 +302,14 @@ def autopilot_loop(
     Raises DataError if no bandwidth has sufficient margins, or the thrusters turn the vehicle one way only.
     """
     mixer, fastest = mixed_commands(vehicle, model), model.steady_rate(conditions.torque_in_use)
-    probes = [
-        ActuatorProbe(
-            vehicle=vehicle,
-            parts=model.actuators.subdivision,
-            allocation=mixer,
-            period=max(autopilot.period, _SAMPLING),
-            amplitude=amplitude,
-        )
-        for amplitude in (min(conditions.torque_in_use, 0.5 * mixer.highest), mixer.highest)
-    ]
+    probe = ActuatorProbe(
+        vehicle=vehicle,
+        parts=model.actuators.subdivision,
+        allocation=mixer,
+        period=max(autopilot.period, _SAMPLING),
+        amplitude=min(conditions.torque_in_use, 0.5 * mixer.highest),
+    )
+    probes = probe, replace(probe, amplitude=mixer.highest)
     probe = max(probes, key=lambda one: float(np.abs(one.frequency_response(model)[1][0])))
     frequencies, response = actuators = probe.frequency_response(model)
     gain, late = float(np.abs(response[0])), max(float(-np.angle(response[0]) / frequencies[0]), 0.0)
@@ -376,8 +368,3 @@ def autopilot_loop(
 def default_gains(model: Model, damping: float) -> Callable[[float], tuple[float, float]]:
     """Gains kp and kd of a bandwidth, for the ``damping`` ratio with the yaw inertia."""
     return lambda bandwidth: pd_gains(model.inertia, damping, bandwidth)
-
-
-def constant_gains(kp: float, kd: float) -> Callable[[float], tuple[float, float]]:
-    """Gains that do not depend on the bandwidth."""
-    return lambda _: (kp, kd)

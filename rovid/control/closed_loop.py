@@ -223,10 +223,8 @@ def _parallel_trials(
 
 def _interpolate(values: FloatArray, place: float) -> float:
     """Linear interpolation of ``values`` at whole places; the first value before them."""
-    if place <= 0.0:
-        return float(values[0])
-    whole = int(place)
-    share = place - whole
+    whole = int(max(place, 0.0))
+    share = max(place, 0.0) - whole
     if share == 0.0:
         return float(values[whole])
     return float(values[whole] + share * (values[whole + 1] - values[whole]))
@@ -310,11 +308,13 @@ def step_metrics(run: ClosedLoopRun, noise_free: ClosedLoopRun) -> StepMetrics:
         return metrics
     response = 1.0 - error / step
     at10, at90 = _first_time(time, response, 0.1), _first_time(time, response, 0.9)
+    outside = np.flatnonzero(np.abs(error) > max(_SETTLED_SHARE * abs(step), _SETTLED_DEG))
+    settled = int(outside[-1]) + 1  # The first sample of a step is outside.
     return replace(
         metrics,
         time_constant=_first_time(time, response, _RISEN),
         rise_time=None if at10 is None or at90 is None else at90 - at10,
-        settling_time=_settling_time(time, error, max(_SETTLED_SHARE * abs(step), _SETTLED_DEG)),
+        settling_time=None if settled == len(time) else float(time[settled]),
         overshoot_deg=max(float(np.max(response) - 1.0) * abs(step), 0.0),
     )
 
@@ -341,11 +341,3 @@ def _first_time(time: FloatArray, response: FloatArray, share: float) -> float |
         return 0.0
     pair = slice(at - 1, at + 1)
     return float(np.interp(share, response[pair], time[pair]))
-
-
-def _settling_time(time: FloatArray, error: FloatArray, band: float) -> float | None:
-    outside = np.flatnonzero(np.abs(error) > band)
-    if not outside.size:
-        return 0.0
-    after = outside[-1] + 1
-    return None if after == len(time) else float(time[after])

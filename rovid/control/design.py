@@ -19,7 +19,6 @@ from rovid.control.actuators import (
     allocate,
     autopilot_loop,
     autopilot_parameters,
-    constant_gains,
     default_gains,
     one_way_only,
 )
@@ -120,7 +119,8 @@ def design_controller(
     if autopilot is not None:
         gains_of = default_gains(model, options.damping)
         if kp is not None and kd is not None:
-            gains_of, bandwidth = constant_gains(kp, kd), math.sqrt(kp / model.inertia)
+            fixed = kp, kd
+            gains_of, bandwidth = (lambda _: fixed), math.sqrt(kp / model.inertia)
         law, loop, probe = autopilot_loop(model, vehicle, conditions, autopilot, gains_of, bandwidth)
         allocation = probe.allocation
     else:
@@ -171,9 +171,6 @@ def control_law(model: Model, allocation: Allocation, conditions: LoopConditions
 def without_model_aid(law: ControlLaw) -> ControlLaw:
     """The same gains without model aid."""
     return replace(law, inertia=0.0, quadratic_drag=0.0, linear_drag=0.0, static_terms=NO_STATIC_TERMS)
-
-
-# ---- margins
 
 
 def open_loop(
@@ -238,9 +235,6 @@ def _margin_spread(
         method: Literal["linear", "lower"] = "linear" if np.all(np.isfinite(values)) else "lower"
         bounds[name] = float(np.quantile(values, share, method=method))
     return MarginSpread(draws=len(margins), stable=float(np.mean([one.stable for one in margins])), **bounds)
-
-
-# ---- closed-loop runs
 
 
 def closed_runs(
