@@ -271,8 +271,7 @@ def render_inline_svg(figure: Figure, name: str) -> Markup:
 def _accept_any_name(figure: Figure) -> None:
     """Escape invisible characters, which names of logs and thrusters may contain, and which SVG forbids."""
     for text in _texts(figure):
-        lines = text.get_text().split("\n")
-        text.set_text("\n".join(map(escape_invisible, lines)))
+        text.set_text("\n".join(map(escape_invisible, text.get_text().split("\n"))))
     # A box replaces each character that the font lacks.
     warnings.filterwarnings("ignore", message=r"Glyph \d+")
 

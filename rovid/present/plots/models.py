@@ -39,9 +39,8 @@ from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
 SINES_PER_SHEET = 6
-# Characters of a name above a panel that takes the whole width.
-_NAME_LENGTH = 48
-_STEPS = 300
+# Characters of a name above a panel that takes the whole width; points of a line.
+_NAME_LENGTH, _STEPS = 48, 300
 # Of torque or force, rate and acceleration.
 _SINE_LOOKS = ((BLUE, "-", "o"), (ORANGE, "--", "s"), (GREEN, ":", "^"))
 # Intervals that together take less than this share of the axis from zero are shown a second time, enlarged.
@@ -59,7 +58,6 @@ def plot_thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
     figure, panels = panel_sheet(len(curves), columns, 1.9, top=0.75, across=0.85, down=0.95)
     for panel, (k, thruster, curve) in zip(panels, curves, strict=True):
         commands = np.concatenate([np.empty(0), *(run.trial.commands[:, k] for run in runs)])
-        # A bench curve, thick within the range of the ``used`` commands.
         used = commands[np.isfinite(commands)]
         panel.plot(curve.command, curve.thrust, color=BLACK, linewidth=1.0, label="bench curve")
         if used.size:
@@ -71,9 +69,8 @@ def plot_thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
             line.set_solid_capstyle("butt")
         panel.set(xlabel="command", ylabel="thrust, N")
         panel.locator_params(nbins=6)
-        lever = f"arm {thruster.arm:.3g} m"
-        if not vehicle.axis.angular:
-            lever = f"{arm_words(vehicle.axis)[0]} {thruster.arm:.3g}"
+        words, unit = ("arm", " m") if vehicle.axis.angular else (arm_words(vehicle.axis)[0], "")
+        lever = f"{words} {thruster.arm:.3g}{unit}"
         panel.set_title(f"{shorten_name(thruster.name, _NAME_LENGTH // columns)}, {lever}", fontsize=9)
     legend_above(figure, *panels[0].get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.09, 1.0))
     return figure
@@ -86,8 +83,12 @@ def plot_steady_states(fit: DragFit) -> Figure:
     axis, estimate = fit.estimate.axis, fit.estimate
     rates = np.array([0.0, *(point.rate for point in (*fit.points, *fit.unsteady))])
     line = np.linspace(1.05 * rates.min(), 1.05 * rates.max(), _STEPS)
-    drag, reach = _drag(estimate, line), _band_half_width(estimate, line)
-    if reach is not None:
+    design = _regressors(estimate, line)
+    drag = design @ estimate.values
+    # Two or fewer points leave no error. Rounding may leave a small variance below zero.
+    if np.isfinite(estimate.covariance).all():
+        variance = np.einsum("ni,ij,nj->n", design, estimate.covariance, design)
+        reach = t_quantile(0.975, estimate.degrees_of_freedom) * np.sqrt(np.maximum(variance, 0.0))
         top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.22, linewidth=0, label="95 % band")
         bottom.fill_between(line, -reach, reach, color=BLUE, alpha=0.22, linewidth=0)
     buoyancy = " + B" if len(estimate.names) > 2 else ""
@@ -100,12 +101,12 @@ def plot_steady_states(fit: DragFit) -> Figure:
         top.plot(*unsteady, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
     for name, direction in fit.directions.items():
         part = line[line >= 0] if name == "up" else line[line <= 0]
-        bottom.plot(part, _drag(direction, part) - _drag(estimate, part), color=ORANGE, linestyle="--")
+        own, both = (_regressors(one, part) @ one.values for one in (direction, estimate))
+        bottom.plot(part, own - both, color=ORANGE, linestyle="--")
     if fit.directions:
         top.plot([], [], color=ORANGE, linestyle="--", label="each direction alone, below")
     top.set_ylabel(f"{axis.force_name}, {axis.force_unit}")
-    bottom.set_ylabel(f"residual, {axis.force_unit}")
-    bottom.set_xlabel(f"{axis.rate_words}, {axis.rate_unit}")
+    bottom.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=f"residual, {axis.force_unit}")
     legend_above(figure, *top.get_legend_handles_labels(), 3)
     return figure
 
@@ -114,22 +115,6 @@ def _regressors(estimate: Estimate, rate: FloatArray) -> FloatArray:
     """(n, p) regressors of the drag parameters, and of a net buoyancy where the axis has one."""
     buoyancy = regressors(restoring_effect(estimate.axis), np.zeros(len(rate)))
     return np.column_stack((np.abs(rate) * rate, rate, buoyancy))
-
-
-def _drag(estimate: Estimate, rate: FloatArray) -> FloatArray:
-    """(n,) N m or N at each rate."""
-    return np.asarray(_regressors(estimate, rate) @ estimate.values)
-
-
-def _band_half_width(estimate: Estimate, rate: FloatArray) -> FloatArray | None:
-    """Half the width of the 95 % band in N m or N; None where two or fewer points leave no error."""
-    if not np.isfinite(estimate.covariance).all():
-        return None
-    design = _regressors(estimate, rate)
-    variance = np.einsum("ni,ij,nj->n", design, estimate.covariance, design)
-    # Rounding may leave a small variance below zero.
-    errors = np.sqrt(np.maximum(variance, 0.0))
-    return np.asarray(t_quantile(0.975, estimate.degrees_of_freedom) * errors)
 
 
 def _plot_points(panel: Axes, fit: DragFit, values: FloatArray) -> None:
@@ -161,9 +146,8 @@ def plot_sine_runs(trials: Sequence[SineTrial], drag: Model | None, axis: Axis) 
             over_time.vlines(time[peak], 0.0, share[peak], color=colour, linewidth=0.8)
             over_time.plot(time[peak], share[peak], marker, color=colour, markersize=6)
         over_time.set_title(f"{shorten_name(trial.source, 26)}: mean of {trial.cycles} periods of {trial.period:.3g} s")
-        over_time.set(
-            xlabel="time in the period, s", ylabel="share of its peak", ylim=(-1.15, 1.15), xlim=(0.0, trial.period)
-        )
+        over_time.set(xlabel="time in the period, s", xlim=(0.0, trial.period))
+        over_time.set(ylabel="share of its peak", ylim=(-1.15, 1.15))
         _plot_loop(loop, waves, peaks, drag, axis)
     for panel, columns in zip(panels[0], (3, 2), strict=True):
         handles, labels = panel.get_legend_handles_labels()
@@ -200,10 +184,11 @@ def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None, model: tuple
     rows = [(0.5 * len(names) + 0.3, 2 if crowded else 1)]
     figure, ((whole, *more),) = panel_grid(rows, left=1.75, across=0.4, top=0.62)
     _plot_methods(whole, fit, names)
-    labels = [_method_label(fit, name) for name in names]
+    bias = "" if fit.peak_bias is None else f": {100.0 * fit.peak_bias:.0f} % of true"
+    notes = {fit.chosen: "\n(best of these)", "peak": f"\n(biased{bias})"}
+    labels = [f"{method_title(name)}{notes.get(name, '')}" for name in names]
     whole.set_yticks(range(len(names)), labels)
-    whole.set_xlim(left=0.0)
-    whole.set_title("from zero")
+    whole.set(title="from zero", xlim=(0.0, None))
     if rigid_body is not None:
         whole.axvline(rigid_body, color=GREY, linestyle="--", label="rigid body alone")
     if model is not None:
@@ -223,17 +208,6 @@ def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None, model: tuple
     return figure
 
 
-def _method_label(fit: InertiaFit, name: str) -> str:
-    title = method_title(name)
-    if name == "peak":
-        if fit.peak_bias is None:
-            return f"{title}\n(biased)"
-        return f"{title}\n(biased: {100.0 * fit.peak_bias:.0f} % of true)"
-    if name == fit.chosen:
-        return f"{title}\n(best of these)"
-    return title
-
-
 def _plot_methods(panel: Axes, fit: InertiaFit, names: list[str]) -> None:
     """Each method on the row of its place among all methods."""
     every = list(fit.methods)
@@ -248,13 +222,11 @@ def _plot_methods(panel: Axes, fit: InertiaFit, names: list[str]) -> None:
             half_width = 0.5 * (interval[1] - interval[0])
             panel.errorbar(reading.value, row, xerr=half_width, color=colour, capsize=4, elinewidth=1.6)
         panel.plot(reading.value, row, marker, color=colour, markersize=6, markeredgewidth=1.8)
-    panel.set_ylim(len(every) - 0.45, -0.55)
-    panel.set_xlabel(f"inertia, {unit_symbol(fit.estimate.unit('inertia'))}")
+    panel.set(xlabel=f"inertia, {unit_symbol(fit.estimate.unit('inertia'))}", ylim=(len(every) - 0.45, -0.55))
     panel.grid(visible=False, axis="y")
 
 
-TRACKS_SHOWN = 9
-_COLUMNS = 3
+TRACKS_SHOWN, _COLUMNS = 9, 3
 # Marks on each track at equal times: a track alone does not show the speed.
 _MARKS = 6
 _SPEED_NAMES = {"surge_velocity": "surge u", "sway_velocity": "sway v", "yaw_rate": "yaw rate r"}
@@ -316,8 +288,7 @@ def plot_speeds(base: PlanarTrialSimulation, full: PlanarTrialSimulation) -> Fig
         drawn, labels = panel.get_legend_handles_labels()
         handles |= dict(zip(labels, drawn, strict=True))
     legend_above(figure, list(handles.values()), list(handles), 3)
-    panels[-1][0].set_xlabel("time, s")
-    panels[-1][0].set_xlim(0.0, full.motion.time[-1])
+    panels[-1][0].set(xlabel="time, s", xlim=(0.0, full.motion.time[-1]))
     figure.align_ylabels()
     return figure
 
@@ -356,6 +327,5 @@ def plot_turning_curve(curve: FloatArray, *, angle: bool) -> Figure:
     """R' of steady turns against (points, 2) steering; ``angle``: in rad, else a share of the largest torque."""
     figure, ((panel,),) = panel_grid([(2.2, 1)], left=0.75)
     panel.plot(np.degrees(curve[:, 0]) if angle else curve[:, 0], curve[:, 1], "o-", color=BLACK, markersize=4)
-    panel.set_xlabel("rudder angle, deg" if angle else "torque over the largest torque")
-    panel.set_ylabel("r' = r·L/U")
+    panel.set(xlabel="rudder angle, deg" if angle else "torque over the largest torque", ylabel="r' = r·L/U")
     return figure

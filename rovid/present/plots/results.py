@@ -47,8 +47,7 @@ _STEP_DURATION = 15.0
 _STEP_LOOKS = ((canvas.BLACK, "-"), (canvas.ORANGE, "--"), (canvas.BLUE, "-."))
 _MODEL_LOOKS = ((canvas.BLUE, "-"), (canvas.ORANGE, "--"))
 _LEGEND_ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "borderaxespad": 0.0}
-_DRAG_STEPS = 200
-_DRAG_NAMES = ["quadratic_drag", "linear_drag"]
+_DRAG_STEPS, _DRAG_NAMES = 200, ["quadratic_drag", "linear_drag"]
 # Quantiles of the abscissa that bound the groups of readings, and the largest number of single readings drawn.
 _GROUPS, _READINGS = 24, 4000
 
@@ -107,13 +106,11 @@ def plot_closed_loop(steps: Mapping[str, Mapping[str, ClosedLoopRun]], bandwidth
         for (way, run), (colour, dashes) in zip(ways.items(), _STEP_LOOKS, strict=False):
             early = run.time <= _STEP_DURATION / bandwidth
             time = run.time[early]
-            heading.plot(
-                *canvas.decimate_min_max(time, np.degrees(run.heading[early])), dashes, color=colour, label=way
-            )
+            turned = canvas.decimate_min_max(time, np.degrees(run.heading[early]))
+            heading.plot(*turned, dashes, color=colour, label=way)
             torque.step(*canvas.decimate_min_max(time, run.torque[early]), dashes, where="post", color=colour)
         heading.plot(time, np.degrees(run.setpoint[early]), ":", color=canvas.GREY, linewidth=1.8, label="set point")
-        heading.set_title(name)
-        heading.set_ylabel("heading, deg")
+        heading.set(title=name, ylabel="heading, deg")
         torque.set_ylabel("torque, N m")
         torque.axhline(0.0, color=canvas.BLACK, linewidth=0.8)
     for panel in panels[-1]:
@@ -188,8 +185,7 @@ def draw_ratios(panel: Axes, changes: DifferenceTest, titles: Mapping[str, str])
         panel.errorbar(value, row, xerr=NORMAL_95 * error, fmt="o", capsize=3, color=colour, markerfacecolor=filled)
     panel.axvline(1.0, color=canvas.GREY, linestyle="--")
     panel.set_yticks(range(len(known)), [titles[name] for name in known])
-    panel.set_ylim(len(known) - 0.5, -0.5)
-    panel.set_xlabel("B over A, share of 1, with 95 % interval")
+    panel.set(xlabel="B over A, share of 1, with 95 % interval", ylim=(len(known) - 0.5, -0.5))
 
 
 @canvas.report_style
@@ -207,8 +203,7 @@ def plot_drag(changes: DifferenceTest, fastest: float, axis: Axis) -> Figure | N
     _plot_band(bottom, rate, (pair.b - pair.a)[places], pair.covariance[block], (canvas.BLACK, "-", "B less A"))
     bottom.axhline(0.0, color=canvas.GREY, linestyle="--")
     top.set_ylabel(f"drag, {axis.force_unit}")
-    bottom.set_ylabel(f"B less A, {axis.force_unit}")
-    bottom.set_xlabel(f"{axis.rate_words}, {axis.rate_unit}")
+    bottom.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=f"B less A, {axis.force_unit}")
     top.legend(loc="upper left")
     return figure
 
@@ -230,17 +225,13 @@ def _plot_band(
 def plot_fault(fault: Fault) -> Figure:
     """The signal around a ``fault`` with an excerpt, sample by sample, and the instants of the fault."""
     excerpt = fault.excerpt
-    if excerpt is None:
-        msg = f"{fault.fault} has no excerpt"
-        raise ValueError(msg)
+    assert excerpt is not None  # noqa: S101 - as said above
     figure, ((axes,),) = canvas.panel_grid([(1.4, 1)], left=0.7, right=0.18, top=0.3, bottom=0.45, width=7.2)
     axes.plot(excerpt.time, excerpt.displayed, ".-", color=canvas.BLACK, markersize=3.0, linewidth=0.7)
     for instant in fault.at:
         if excerpt.time.min() <= instant <= excerpt.time.max():
             axes.axvline(instant, color=canvas.ORANGE, linewidth=1.0)
-    axes.set_title(fault.title, loc="left")
-    axes.set_xlabel("time, s")
-    axes.set_ylabel(excerpt.label)
+    axes.set(title=fault.title, xlabel="time, s", ylabel=excerpt.label)
     return figure
 
 
@@ -260,7 +251,7 @@ def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle
         laws.append(np.interp(at, time, law))
         signals.append(np.interp(at, time, signal))
         residuals.append(item.residual)
-    law, signal, residual = (np.concatenate(laws), np.concatenate(signals), np.concatenate(residuals))
+    law, signal, residual = map(np.concatenate, (laws, signals, residuals))
     alone = len(formula.signals) == 1 and not any(product.memory for product in formula.products)
     x = signal if alone else law
     known = np.isfinite(x) & np.isfinite(residual)
@@ -276,7 +267,7 @@ def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle
     panel.plot(x[order], law[order], color=canvas.ORANGE, label="formula")
     units = found.grammar.units if found.grammar else {}
     own = formula.signals[0] if formula.signals else ""
-    panel.set_xlabel(f"{own.replace('_', ' ')}, {units[own]}" if alone else "torque of the formula, N m")
-    panel.set_ylabel("torque, N m")
+    label = f"{own.replace('_', ' ')}, {units[own]}" if alone else "torque of the formula, N m"
+    panel.set(xlabel=label, ylabel="torque, N m")
     panel.legend()
     return figure

@@ -52,8 +52,15 @@ def plot_residuals(items: Sequence[residuals.ResidualTorque], cutoff: float) -> 
     figure, drivers, (course, lags, frequencies) = _residual_panels(items)
     residual = residuals.all_residuals(items)
     share = residuals.independent_share([item.run for item in items], cutoff)
+    look: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 2.6, "markeredgewidth": 0.0}
     for panel, driver in drivers:
-        _scatter(panel, driver, residual, share)
+        # A part of the points, and their means in bins.
+        known = np.flatnonzero(np.isfinite(driver) & np.isfinite(residual))
+        rows = known[:: max(len(known) // _DOTS, 1)]
+        panel.plot(driver[rows], residual[rows], color=BLUE, alpha=0.55, rasterized=True, label="samples", **look)
+        panel.axhline(0.0, color=BLACK, linewidth=0.8)
+        means = residuals.bin_means(driver, residual, _MEANS, _FEWEST, share)
+        _plot_means(panel, means, color=ORANGE, marker="o", label="mean ± standard error")
     legend = _label_residuals(drivers, items[0].run.trial.axis, "residual")
     legend.get_lines()[0].set(markersize=7, alpha=1.0)
     _plot_course(course, items, (BLUE, GREY))
@@ -113,17 +120,6 @@ def _plot_means(panel: Axes, means: residuals.BinMeans, **look: Any) -> None:
     panel.errorbar(driver, mean, yerr=error, markersize=4, elinewidth=1.0, capsize=2, **look)
 
 
-def _scatter(panel: Axes, driver: FloatArray, residual: FloatArray, independent: float) -> None:
-    """A part of the points, and their means in bins."""
-    known = np.flatnonzero(np.isfinite(driver) & np.isfinite(residual))
-    rows = known[:: max(len(known) // _DOTS, 1)]
-    look: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 2.6, "markeredgewidth": 0.0}
-    panel.plot(driver[rows], residual[rows], color=BLUE, alpha=0.55, rasterized=True, label="samples", **look)
-    panel.axhline(0.0, color=BLACK, linewidth=0.8)
-    means = residuals.bin_means(driver, residual, _MEANS, _FEWEST, independent)
-    _plot_means(panel, means, color=ORANGE, marker="o", label="mean ± standard error")
-
-
 def _plot_course(panel: Axes, items: Sequence[residuals.ResidualTorque], colours: Sequence[str]) -> None:
     """Residual torque of all runs one after another, in alternating colours."""
     clock, samples = 0.0, sum(len(item.residual) for item in items)
@@ -133,8 +129,7 @@ def _plot_course(panel: Axes, items: Sequence[residuals.ResidualTorque], colours
         panel.plot(*decimate_min_max(time, item.residual, count), color=colour, linewidth=0.7)
         clock = float(time[-1])
     axis = items[0].run.trial.axis
-    label = f"residual {axis.force_name}, {axis.force_unit}"
-    panel.set(xlabel="time, all trials one after another, s", ylabel=label)
+    panel.set(xlabel="time, all trials one after another, s", ylabel=f"residual {axis.force_name}, {axis.force_unit}")
     panel.margins(x=0.01)
 
 
@@ -206,8 +201,7 @@ def plot_missing_torque(item: residuals.MissingTorque, axis: Axis) -> Figure:
     return figure
 
 
-PER_SHEET = 24
-_COLUMNS = 3
+PER_SHEET, _COLUMNS = 24, 3
 # Points of a line for each inch of the figure's width.
 _POINTS_PER_INCH = 100
 
@@ -242,8 +236,7 @@ def plot_before_after(
     position.set_title(f"{axis.position_words} error, {unit}", fontsize=9, pad=4)
     for panel, height in zip((rate, position), rows, strict=True):
         panel.locator_params(axis="y", nbins=max(round(3.0 * height), 3))
-    position.set_xlabel("time, s")
-    position.set_xlim(trial.time[0], trial.time[-1])
+    position.set(xlabel="time, s", xlim=(trial.time[0], trial.time[-1]))
     legend_above(figure, *rate.get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.0, 1.0))
     return figure
 
