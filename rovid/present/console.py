@@ -23,8 +23,6 @@ _WORD = re.compile(rf"(?:{_NUMBER}\s+(?:±\s+{_NUMBER}\s+)?(?![-+−(]*\d)(?:{_U
 _BARE_WORD = re.compile(r"\S+\s*|\s+")
 # Parts of a long name, which may be broken after punctuation.
 _NAME_PART = re.compile(r"\s+|[^\s_./:,-]*[_./:,-]*")
-
-
 # Kind of a verdict -> its style on a terminal; NO_COLOR leaves bold type.
 VERDICT_STYLES = {"pass": "bold green", "warn": "bold yellow", "fail": "bold red"}
 
@@ -174,10 +172,7 @@ class ResultTable:
         """The columns with their cells, aligned where they are numbers."""
         columns = []
         for place, heading in enumerate(self._headings):
-            cells = []
-            for row in self._rows:
-                cell = row.cells[place] if place < len(row.cells) else ""
-                cells.append(cell.plain if isinstance(cell, Text) else cell)
+            cells = ["".join(map(str, row.cells[place : place + 1])) for row in self._rows]
             if heading.aligned:
                 cells = align_decimal_points(cells)
             columns.append(replace(heading, cells=tuple(cells)))

@@ -47,9 +47,7 @@ def format_number(value: float | None, form: str | int = 3) -> str:
     """``value`` in a format, or to a number of significant digits; a dash where no finite value is known."""
     if value is None or not math.isfinite(value):
         return DASH
-    if isinstance(form, int):
-        return significant(value, form)
-    return format(value, form)
+    return significant(value, form) if isinstance(form, int) else format(value, form)
 
 
 def unit_symbol(text: str) -> str:
@@ -80,16 +78,12 @@ def parameter_title(name: str) -> str:
 
 def arm_words(axis: Axis) -> tuple[str, str]:
     """Name and unit of a thruster's lever arm."""
-    if axis.angular:
-        return axis.arm_key.replace("_", " "), "m"
-    return f"share along {axis.name}", ""
+    return (axis.arm_key.replace("_", " "), "m") if axis.angular else (f"share along {axis.name}", "")
 
 
 def steady_state_words(axis: Axis) -> str:
     """Name of a steady state along ``axis``."""
-    if axis.angular:
-        return "steady turn"
-    return "steady state"
+    return "steady turn" if axis.angular else "steady state"
 
 
 def as_sentence(text: str) -> str:
@@ -102,9 +96,7 @@ def as_sentence(text: str) -> str:
     # A file name at the beginning keeps its case.
     if text.partition(" ")[0].isalpha():
         text = text[:1].upper() + text[1:]
-    if text and not text.endswith((".", "!", "?")):
-        text += "."
-    return text
+    return f"{text}." if text and not text.endswith((".", "!", "?")) else text
 
 
 def equal_decimals(values: Sequence[float | None], digits: int = 3) -> list[str]:
@@ -117,9 +109,7 @@ def equal_decimals(values: Sequence[float | None], digits: int = 3) -> list[str]
 
 def shorten_name(name: str, length: int) -> str:
     """The end of a long name, which distinguishes logs in one folder."""
-    if len(name) <= length:
-        return name
-    return f"…{name[1 - length :]}"
+    return name if len(name) <= length else f"…{name[1 - length :]}"
 
 
 def rounded_errors(values: Sequence[float | None]) -> list[str]:
@@ -161,8 +151,7 @@ def _pad_decimals(texts: Sequence[str]) -> list[str]:
     padded = []
     for text in texts:
         present = _decimals(text)
-        point = _POINT_SPACE if most and not present else ""
-        padded.append(text + point + _FIGURE_SPACE * (most - present))
+        padded.append(text + _POINT_SPACE * (most > present == 0) + _FIGURE_SPACE * (most - present))
     return padded
 
 

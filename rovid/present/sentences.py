@@ -160,8 +160,7 @@ def change_sentence(comparison: Comparison, change: ParameterChange) -> str:
     said = _change_with_size(comparison, change)
     if change.indistinguishable:
         titles = [_ALL_THRUST if one.name == THRUST_SCALE else _change_title(one) for one in change.indistinguishable]
-        others = join_words(titles, "or")
-        said += f" (these data do not distinguish it from {others})"
+        said += f" (these data do not distinguish it from {join_words(titles, 'or')})"
     return said
 
 
@@ -195,23 +194,17 @@ def _change_title(candidate: ChangeCandidate) -> str:
     if candidate.is_factor and not candidate.inverse:
         return _part_title(candidate.name)
     effect = effect_named(candidate.name)
-    if effect.per_thruster:
-        return f"{effect.title} ({effect.form})"
-    return effect.title
+    return f"{effect.title} ({effect.form})" if effect.per_thruster else effect.title
 
 
 def _part_title(name: str) -> str:
-    if name == THRUST_SCALE:
-        return _ALL_THRUST
-    return name.replace("_", " ")
+    return _ALL_THRUST if name == THRUST_SCALE else name.replace("_", " ")
 
 
 def document_key(name: str) -> str:
     """A parameter's name in JSON: without the form of its effect, but with its thruster."""
     key, dot, _ = name.rpartition(".")
-    if dot and effect_named(key).per_thruster:
-        return name
-    return without_form(name)
+    return name if dot and effect_named(key).per_thruster else without_form(name)
 
 
 PLAIN_MODEL = "The plain model has inertia and drag alone."
@@ -257,9 +250,7 @@ def next_step(diagnosis: Conclusion, run: Mapping[str, Any], guess: Assumptions,
         text = "each is confirmed" if diagnosis.findings else "none was found"
         text += f"; `{plan}` designs a run for the least certain parameter"
         return NextStep(run="nothing more to run for the causes", reason=text)
-    command = ""
-    if "commands" in run:
-        command = between_command(run, plan)
+    command = between_command(run, plan) if "commands" in run else ""
     return NextStep(run=run["run"], reason=run["reason"], command=command)
 
 
@@ -352,16 +343,9 @@ def _relevant_change(aided: float, plain: float, least: float) -> int:
 def _steps(design: ControllerDesign, *, effects: bool, aided: bool) -> list[ClosedLoopResult]:
     """Runs of the paper on the full model, with the best or without any aid."""
     names = {step.name for step in paper_runs()}
-    known = effects and aided
-    return [
-        run
-        for run in design.runs
-        if run.name in names
-        and bool(run.effects) == effects
-        and run.model_aid == aided
-        and run.effects_known == known
-        and run.metrics.overshoot_deg is not None
-    ]
+    runs = [run for run in design.runs if run.name in names and run.metrics.overshoot_deg is not None]
+    wanted = effects, aided, effects and aided
+    return [run for run in runs if (bool(run.effects), run.model_aid, run.effects_known) == wanted]
 
 
 def _largest(runs: Sequence[ClosedLoopResult], name: str) -> float:

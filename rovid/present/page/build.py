@@ -27,6 +27,8 @@ from rovid.trial.axis import YAW
 
 _T = TypeVar("_T")
 _Report = Callable[[str], None]
+# Parameters without which there is no simulation.
+_NEEDED = {"inertia", "quadratic_drag"}
 _DIAGNOSING = "Diagnosing (skip it with --no-diagnosis):"
 
 
@@ -69,7 +71,7 @@ def build_report(
     data = _identified(stored, study, parameters, report, diagnosed=diagnosed, budget=budget)
     data = _with_control_and_exports(data, study, report, controlled=controlled, exported=exported)
     report("Drawing and writing the page …")
-    if study.runs is not None and _is_complete(data.parameters):
+    if study.runs is not None and set(data.parameters.entries) >= _NEEDED:
         simulations = simulate_runs(study.runs.items, _model_of(study, data.parameters), study.vehicle)
         data = replace(data, simulations=tuple(simulations))
     if data.diagnosis is not None:
@@ -97,17 +99,15 @@ def _identified(
     diagnosis, refusal, joint, limits = None, "", None, None
     if diagnosed:
         report(_DIAGNOSING)
-        diagnosis, refusal = _or_refusal(
-            lambda: study.diagnosis(
-                lambda text: report(f"{_DIAGNOSING} {text}"),
-                drag=independent_drag,
-                budget=budget or study.default_budget,
-            )
-        )
+        limit, show = budget or study.default_budget, lambda text: report(f"{_DIAGNOSING} {text}")
+        diagnosis, refusal = _or_refusal(lambda: study.diagnosis(show, drag=independent_drag, budget=limit))
     if diagnosis is not None and diagnosis.extended is not None:
         joint = diagnosis.extended.estimate
-    elif stored is not before:
-        joint = _fitted_again(before, study)
+    elif stored is not before and any(entry.method in JOINT_METHODS for entry in before.entries.values()):
+        # A joint fit with the effects of before. Raises ConfigError if an effect does not suit.
+        gyro, effects = any("--gyro" in entry.options for entry in before.entries.values()), before.effect_forms()
+        fit, _ = _or_refusal(lambda: study.likelihood(effects, gyro=gyro))
+        joint = fit and fit.estimate
     if joint is not None:
         limits = diagnosis.detectable_sizes if diagnosis else {}
 
@@ -119,10 +119,9 @@ def _identified(
 
     if joint is not None or change(stored) is not stored or not stored.path.exists():
         stored = update_parameters(stored, claim, change, detection_limits=limits)
+    faults = all_faults(diagnosis, study) if diagnosis else study.faults
     return ReportData(
-        faults=tuple(
-            sorted(all_faults(diagnosis, study) if diagnosis else study.faults, key=lambda fault: not fault.stops)
-        ),
+        faults=tuple(sorted(faults, key=lambda fault: not fault.stops)),
         vehicle=study.vehicle,
         parameters=stored,
         campaign=study.campaign,
@@ -176,16 +175,6 @@ def _if_valid(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
     return stored.cleared(), [f"{stored.path.name} no longer held, and was fitted again: {reason}."]
 
 
-def _fitted_again(before: Parameters, study: Study) -> Estimate | None:
-    """A joint fit with the effects of ``before``; None without one. Raises ConfigError if an effect does not suit."""
-    if not any(entry.method in JOINT_METHODS for entry in before.entries.values()):
-        return None
-    gyro = any("--gyro" in entry.options for entry in before.entries.values())
-    effects = before.effect_forms()
-    fit, _ = _or_refusal(lambda: study.likelihood(effects, gyro=gyro))
-    return None if fit is None else fit.estimate
-
-
 def _completed(stored: Parameters, study: Study, estimates: Mapping[str, Estimate | None]) -> Parameters:
     """The parameters with those of ``estimates``, by name, that they lack; the same object where they lack none."""
     for name, estimate in estimates.items():
@@ -202,14 +191,9 @@ def _or_refusal(fit: Callable[[], _T]) -> tuple[_T | None, str]:
         return None, str(error)
 
 
-def _is_complete(stored: Parameters) -> bool:
-    """Whether the file has the parameters that a simulation needs."""
-    return {"inertia", "quadratic_drag"} <= set(stored.entries)
-
-
 def _model_of(study: Study, stored: Parameters) -> Model:
     """The file's model. Raises DataError if it is incomplete, ConfigError if an effect does not suit the vehicle."""
-    if not _is_complete(stored):
+    if not set(stored.entries) >= _NEEDED:
         raise DataError("inertia or drag is missing.")
     model = stored.model()
     study.require_effects(model.effects)

@@ -54,9 +54,7 @@ def template_environment(*packages: str) -> Environment:
 
     def escaped(value: object) -> object:
         # Markup is already escaped, and keeps its line ends.
-        if isinstance(value, str) and not isinstance(value, Markup):
-            return escape_invisible(value)
-        return value
+        return escape_invisible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
     environment = Environment(
         loader=ChoiceLoader(list(map(PackageLoader, (*packages, "rovid.present.page")))),
@@ -106,11 +104,8 @@ class Assets:
 def read_assets() -> Assets:
     """The plotting library with its licence, and the viewer's script."""
     folder = files("rovid.present.page") / "assets"
-    licence, library, style = (
-        (folder / "uplot" / name).read_text(encoding="utf-8")
-        for name in ("LICENSE", "uPlot.iife.min.js", "uPlot.min.css")
-    )
-    viewer = (folder / "viewer.js").read_text(encoding="utf-8")
+    names = ("uplot/LICENSE", "uplot/uPlot.iife.min.js", "uplot/uPlot.min.css", "viewer.js")
+    licence, library, style, viewer = ((folder / name).read_text(encoding="utf-8") for name in names)
     # Files of this package, without any text from logs.
     script = Markup(f"/*\n{licence}*/\n{library}{viewer}")  # noqa: S704
     return Assets(script=script, style=Markup(style))  # noqa: S704

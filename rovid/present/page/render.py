@@ -135,6 +135,10 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
     residual_sizes = None
     if report.runs is not None and report.simulations:
         residual_sizes = rms_sizes(unexplained_torques(report.runs, report.parameters.model(), report.vehicle))
+    # Inertia that the water adds to the rigid body, where both are known and no guesses.
+    entry, rigid_body, added = report.parameters.entries.get("inertia"), report.vehicle.rigid_body_inertia, ""
+    if entry is not None and rigid_body is not None and not report.vehicle.assumptions:
+        added = f"{plus_minus(entry.value - rigid_body, entry.standard_error)} {unit_symbol(entry.unit)}"
     return vars(report) | {
         "report": report,
         "simulations": simulations,
@@ -147,7 +151,7 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "trials": all_trials,
         "remarked": sum(bool(trial.remarks) for trial in all_trials),
         "answer": summarize(report),
-        "added": _added_inertia(report),
+        "added": added,
         "correlations": fits.correlation_table(report.parameters),
         "unidentifiable": diagnosis.unidentifiable_words(report.vehicle, report.diagnosis),
         "residual_sizes": residual_sizes,
@@ -270,14 +274,6 @@ def _noise(report: ReportData) -> dict[str, Any] | None:
     measured, rate, _ = report.runs.noise()
     name, unit, factor = report.axis.measured_quantity(integrated=report.runs.rate_only)
     return {"name": name, "unit": unit, "measured": factor * measured, "rate": rate}
-
-
-def _added_inertia(report: ReportData) -> str:
-    """Inertia that the water adds to the rigid body; empty where one of the two is not known, or is a guess."""
-    entry, rigid_body = report.parameters.entries.get("inertia"), report.vehicle.rigid_body_inertia
-    if entry is None or rigid_body is None or report.vehicle.assumptions:
-        return ""
-    return f"{plus_minus(entry.value - rigid_body, entry.standard_error)} {unit_symbol(entry.unit)}"
 
 
 def _box_sides(vehicle: Vehicle) -> list[tuple[str, float]]:

@@ -64,8 +64,7 @@ def models_table(base: Estimate, extended: Estimate) -> ResultTable:
         table.add_row(title, *cells)
     for name in dict.fromkeys((*base.names, *extended.names)):
         title = base.axis.reword(parameter_title(name))
-        unit = unit_symbol((base if name in base.names else extended).unit(name))
-        if unit:
+        if unit := unit_symbol((base if name in base.names else extended).unit(name)):
             # The first column stays visible on a narrow page: its unit is not broken.
             title += ", " + unit.replace(" ", "\u00a0")
         values = _estimate_cell(base, name), _estimate_cell(extended, name)
@@ -100,24 +99,18 @@ def held_out_table(diagnosis: Diagnosis, base: ModelAssessment, extended: ModelA
     models = ("plain model", "extended model")[: 1 + bool(extended.model.effects)]
     columns = map(mixed_number_column, (*models, "noise floor"))
     table = ResultTable("Error on trials that were not fitted", text_column("quantity"), *columns)
-    for quantity, values, floor in _held_out_rows(diagnosis, base, extended):
-        table.add_row(quantity, *values[: len(models)], floor)
-    return table
-
-
-def _held_out_rows(
-    diagnosis: Diagnosis, base: ModelAssessment, extended: ModelAssessment
-) -> Iterator[tuple[str, list[str], str]]:
-    """Quantity, its values by both models, and its noise floor."""
     one, other, axis = base.held_out, extended.held_out, base.estimate.axis
     *rates, floor = rounded_errors((one.rate_rmse, other.rate_rmse, diagnosis.noise_floor))
-    yield f"{axis.rate_words} RMSE, {axis.rate_unit}", rates, floor
+    rows = [(f"{axis.rate_words} RMSE, {axis.rate_unit}", rates, floor)]
     for horizon, error in one.position_errors.items():
         known = (error, other.position_errors.get(horizon), diagnosis.position_floors.get(horizon))
         *errors, floor = rounded_errors(list(map(axis.to_display, known)))
-        yield f"{axis.position_words} after {horizon:.0f} s, {axis.display_unit[0]}", errors, floor
-    yield f"{axis.rate_words} R²", [format_number(side.rate_r2, ".4f") for side in (one, other)], ""
-    yield "log-likelihood", [format_number(side.log_likelihood, ".0f") for side in (one, other)], ""
+        rows.append((f"{axis.position_words} after {horizon:.0f} s, {axis.display_unit[0]}", errors, floor))
+    rows.append((f"{axis.rate_words} R²", [format_number(side.rate_r2, ".4f") for side in (one, other)], ""))
+    rows.append(("log-likelihood", [format_number(side.log_likelihood, ".0f") for side in (one, other)], ""))
+    for quantity, values, floor in rows:
+        table.add_row(quantity, *values[: len(models)], floor)
+    return table
 
 
 def challengers_table(diagnosis: Diagnosis, axis: Axis) -> ResultTable:
@@ -193,34 +186,21 @@ def explanations_table(diagnosis: TableDiagnosis) -> ResultTable:
 def changes_table(comparison: Comparison, guess: Assumptions) -> ResultTable:
     """Parameters of both campaigns, their ratios, and the probabilities of a change."""
     changes, pair = comparison.changes, comparison.changes.pair
-    title = (
-        "Each campaign by itself ± standard error; together, and changed ratios: by both, sharing what did not change"
-    )
+    title = "Each campaign by itself ± standard error; together, and changed ratios: by both, sharing "
+    title += "what did not change"
     columns = *map(mixed_number_column, ("B over A", "changed", "A", "B")), text_column("unit")
     table = ResultTable(title, text_column("parameter"), *columns, mixed_number_column("together"))
     for place, name in enumerate(pair.names):
         ratio, unit = changes.ratio(name), pair.units[place]
-        values = [*(plus_minus(*side) for side in changes.separate_values(name)), _joint_value(changes, name)]
+        joint_a, joint_b = changes.joint_values(name)
+        shared = math.isclose(joint_a[0], joint_b[0], rel_tol=1e-9, abs_tol=1e-6 * joint_a[1])
+        values = [*(plus_minus(*side) for side in changes.separate_values(name))]
+        values.append(plus_minus(*joint_a) if shared else "apart")
         in_a, in_b, together = (guess.mark_number(value, unit) for value in values)
-        table.add_row(
-            parameter_title(document_key(name)),
-            DASH if ratio is None else plus_minus(*ratio),
-            _change_cell(changes, name),
-            in_a,
-            in_b,
-            unit_symbol(unit),
-            together,
-            style="bold" if changes.probabilities[name] >= ESTABLISHED else "",
-        )
+        cells = parameter_title(document_key(name)), DASH if ratio is None else plus_minus(*ratio)
+        style = "bold" * (changes.probabilities[name] >= ESTABLISHED)
+        table.add_row(*cells, _change_cell(changes, name), in_a, in_b, unit_symbol(unit), together, style=style)
     return table
-
-
-def _joint_value(changes: DifferenceTest, name: str) -> str:
-    """The value that both campaigns share."""
-    in_a, in_b = changes.joint_values(name)
-    if not math.isclose(in_a[0], in_b[0], rel_tol=1e-9, abs_tol=1e-6 * in_a[1]):
-        return "apart"
-    return plus_minus(*in_a)
 
 
 def _change_cell(changes: DifferenceTest, name: str) -> str:

@@ -7,7 +7,6 @@ from itertools import chain, combinations, starmap
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus, round_to_error
 from rovid.core.stats import NORMAL_95, t_quantile
 from rovid.estimate.estimate import Estimate
@@ -115,10 +114,8 @@ def _entry_interval(report: ReportData, name: str, text: str) -> str:
     entry = report.parameters.entries[name]
     if not math.isfinite(entry.standard_error):
         return DASH
-    estimate = source_estimate(report, name)
-    if estimate is not None:
-        return _interval_text(text, estimate.interval(name))
-    return _interval_text(text, _normal_interval(entry.value, entry.standard_error))
+    estimate, interval = source_estimate(report, name), _normal_interval(entry.value, entry.standard_error)
+    return _interval_text(text, interval if estimate is None else estimate.interval(name))
 
 
 def _normal_interval(value: float, error: float) -> tuple[float, float]:
@@ -127,9 +124,7 @@ def _normal_interval(value: float, error: float) -> tuple[float, float]:
 
 def _interval_text(text: str, interval: tuple[float, float] | None) -> str:
     """An interval with the decimals of ``text``; a dash for None."""
-    if interval is None:
-        return DASH
-    return " … ".join(same_decimals(text, end) for end in interval)
+    return " … ".join(same_decimals(text, end) for end in interval) if interval else DASH
 
 
 def source_estimate(report: ReportData, name: str) -> Estimate | None:
@@ -153,9 +148,8 @@ def differences_from_model(report: ReportData, estimate: Estimate) -> list[str]:
     others = [_difference(report, estimate, name) for name in known if source_estimate(report, name) is None]
     paragraphs = []
     if others:
-        causes = axis.reword(effect_titles(entries))
         paragraphs.append(f"By {estimate.method}: {', '.join(others)}.")
-        if causes:
+        if causes := axis.reword(effect_titles(entries)):
             paragraphs[0] += f" This method does not model {causes}."
     if not is_source_of_model(report, estimate):
         paragraphs += estimate.warnings
@@ -192,16 +186,9 @@ def steady_table(fit: DragFit) -> ResultTable:
             rate = plus_minus(point.rate, point.rate_error)
         if fit.torque_error_known:
             difference = plus_minus(residual, error)
-        table.add_row(
-            point.source,
-            format_number(point.torque, ".2f"),
-            rate,
-            difference,
-            f"{point.start:.0f}–{point.stop:.0f}",
-            " ".join(map("{:.4g}".format, point.command)),
-            format_number(quadratic, 5),
-            format_number(linear, 3),
-        )
+        measured_cells = point.source, format_number(point.torque, ".2f"), rate, difference
+        span, command = f"{point.start:.0f}–{point.stop:.0f}", " ".join(map("{:.4g}".format, point.command))
+        table.add_row(*measured_cells, span, command, format_number(quadratic, 5), format_number(linear, 3))
     if any(math.isfinite(point.start) for point in fit.points):
         return table
     return table.without(_TIMES)
@@ -259,9 +246,8 @@ def methods_table(fit: InertiaFit, rigid_body: float | None, *, used: bool = Tru
     for name in filter(fit.methods.__contains__, METHODS):
         reading = fit.methods[name]
         value = plus_minus(reading.value, reading.standard_error)
-        interval = method_interval(fit, name)
         cells = [METHODS[name], value, _method_note(fit, name, used=used)]
-        cells.append(_interval_text(value, interval))
+        cells.append(_interval_text(value, method_interval(fit, name)))
         if rigid_body is not None:
             cells.append(f"{reading.value / rigid_body:.3f}")
         table.add_row(*cells)
@@ -281,40 +267,29 @@ def _method_note(fit: InertiaFit, name: str, *, used: bool) -> str:
 def sine_table(fit: InertiaFit) -> ResultTable:
     """Each sine run, and the inertia that each method reads from it."""
     unit, axis = unit_symbol(fit.estimate.unit("inertia")), fit.estimate.axis
-    readings = {name: _run_readings(fit, name) for name in METHODS if name in fit.methods and fit.methods[name].runs}
+    # Method -> log and number of the sine run in that log -> inertia.
+    readings: dict[str, dict[tuple[str, int], str]] = {}
+    for name in filter(fit.methods.__contains__, METHODS):
+        count: Counter[str] = Counter()
+        for source, value, error in fit.methods[name].runs:
+            readings.setdefault(name, {})[source, count[source]] = plus_minus(value, error)
+            count[source] += 1
     keys = list(dict.fromkeys(chain(*readings.values())))
     columns: list[Column] = [text_column("sine run", [source for source, _ in keys])]
     if len(fit.trials) == len(keys):
-        periods, cycles, torques, rates = [], [], [], []
-        for trial in fit.trials:
-            wave = trial.motion
-            periods.append(f"{trial.period:.4g}")
-            cycles.append(str(trial.cycles))
-            torques.append(_peak(wave.over_one_period(wave.torque)))
-            rates.append(_peak(wave.over_one_period(wave.rate)))
+        torques, rates = [], []
+        for wave in (trial.motion for trial in fit.trials):
+            torques.append(float(np.max(np.abs(wave.over_one_period(wave.torque)))))
+            rates.append(float(np.max(np.abs(wave.over_one_period(wave.rate)))))
         columns += [
-            number_column("period", "s", periods),
-            number_column("periods used", "", cycles),
+            number_column("period", "s", [f"{trial.period:.4g}" for trial in fit.trials]),
+            number_column("periods used", "", [str(trial.cycles) for trial in fit.trials]),
             number_column(f"peak {axis.force_name}", axis.force_unit, equal_decimals(torques, 4)),
             number_column("peak rate", axis.rate_unit, equal_decimals(rates, 3)),
         ]
     for name, runs in readings.items():
         columns.append(number_column(method_title(name), unit, [runs.get(key, DASH) for key in keys]))
     return ResultTable("Inertia from each sine run", *columns)
-
-
-def _run_readings(fit: InertiaFit, name: str) -> dict[tuple[str, int], str]:
-    """Log and number of the sine run in that log -> inertia by the method ``name``."""
-    count: Counter[str] = Counter()
-    readings = {}
-    for source, value, error in fit.methods[name].runs:
-        readings[source, count[source]] = plus_minus(value, error)
-        count[source] += 1
-    return readings
-
-
-def _peak(values: FloatArray) -> float:
-    return float(np.max(np.abs(values)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -85,24 +85,20 @@ def _fit_cells(fit: FitMeasures) -> tuple[str, str, str, str]:
 
 def trials_table(report: ReportData, campaign: Campaign) -> ResultTable:
     """What each trial measured, what it served for, and how well it is simulated without and with the causes."""
-    names, lengths, uses, rates, gaps, remarks = [], [], [], [], [], []
+    rates, gaps, remarks = [], [], []
     for trial in campaign.trials:
-        names.append(trial.name)
-        lengths.append(format_number(trial.duration, ".0f"))
-        uses.append(_use(report, trial.name))
         rates.append(format_number(1.0 / trial.sampling_interval, ".3g"))
         # The longest time between two readings, s.
-        gap = float(np.max(np.diff(trial.time[trial.measured]), initial=0.0))
-        gaps.append(format_number(gap, ".2f"))
+        gaps.append(format_number(float(np.max(np.diff(trial.time[trial.measured]), initial=0.0)), ".2f"))
         remarks.append(" ".join(remark.text for remark in trial.remarks) or DASH)
     measured = [number_column("rate", "Hz", rates), number_column("longest gap", "s", gaps)]
     # The caption has what is equal in all trials.
     shared = [column for column in measured if len(set(column.cells)) == 1]
     caption = ["Trials", *(f"{column.title} {column.cells[0]} {column.unit}" for column in shared)]
     columns = [
-        text_column("trial", names),
-        number_column("length", "s", lengths),
-        text_column("what it gave", uses),
+        text_column("trial", [trial.name for trial in campaign.trials]),
+        number_column("length", "s", [format_number(trial.duration, ".0f") for trial in campaign.trials]),
+        text_column("what it gave", [_use(report, trial.name) for trial in campaign.trials]),
         *_simulation_columns(report, campaign.trials),
         *(column for column in measured if column not in shared),
     ]
@@ -206,12 +202,10 @@ def run_manoeuvre_tables(found: Sequence[RunManoeuvre]) -> list[ResultTable]:
         rows = [one for one in found if one.kind == kind]
         if not rows:
             continue
-        table = ResultTable(
-            title, *map(text_column, ("run", "measure")), *map(mixed_number_column, ("measured", "simulated"))
-        )
+        columns = *map(text_column, ("run", "measure")), *map(mixed_number_column, ("measured", "simulated"))
+        table = ResultTable(title, *columns)
         for one in rows:
-            sides = (one.measured, one.simulated)
-            for number, words in enumerate(_measure_rows(sides)):
+            for number, words in enumerate(_measure_rows((one.measured, one.simulated))):
                 name = "" if number else f"{one.run}, from {one.begin:.0f} s"
                 table.add_row(name, *words, begins_section=not number)
         tables.append(table)
@@ -226,19 +220,15 @@ def model_manoeuvre_tables(measures: Measures) -> list[ResultTable]:
         sides.setdefault(manoeuvre, {})[measure] = one
     tables = []
     for kind, title in _MODEL_TITLES.items():
-        rows = {name: side for name, side in sides.items() if name.startswith(kind)}
+        rows = {name.partition("_")[2]: side for name, side in sides.items() if name.startswith(kind)}
         if not rows:
             continue
-        table = ResultTable(title, text_column("measure"), *map(mixed_number_column, map(_manoeuvre_title, rows)))
+        titles = [f"to {detail}" if kind == "circle" else f"{detail}/{detail} deg" for detail in rows]
+        table = ResultTable(title, text_column("measure"), *map(mixed_number_column, titles))
         for words in _measure_rows(tuple(rows.values())):
             table.add_row(*words)
         tables.append(table)
     return tables
-
-
-def _manoeuvre_title(name: str) -> str:
-    kind, _, detail = name.partition("_")
-    return f"to {detail}" if kind == "circle" else f"{detail}/{detail} deg"
 
 
 def _measure_rows(sides: Sequence[Measures]) -> Iterator[list[str]]:
@@ -247,10 +237,12 @@ def _measure_rows(sides: Sequence[Measures]) -> Iterator[list[str]]:
     for name, unit in units.items():
         shown = unit_symbol(unit.replace("rad", "deg") if unit in _ANGLES else unit)
         title = name.replace("_", " ") + (f", {shown}" if shown not in {"", "1"} else "")
-        yield [title, *(_cell(side[name]) if name in side else DASH for side in sides)]
+        yield [title, *(_cell(side.get(name)) for side in sides)]
 
 
-def _cell(one: ManoeuvreMeasure) -> str:
+def _cell(one: ManoeuvreMeasure | None) -> str:
+    if one is None:
+        return DASH
     factor = 180.0 / math.pi if one.unit in _ANGLES else 1.0
     if one.standard_error is None:
         return format_number(factor * one.value)
@@ -320,21 +312,15 @@ def runs_table(design: ControllerDesign) -> ResultTable:
     )
     before = ""
     for run in design.runs:
-        metrics, cycle = run.metrics, run.metrics.limit_cycle
-        aid = "none"
+        metrics, cycle, aid = run.metrics, run.metrics.limit_cycle, "none"
         if run.model_aid:
             aid = "drag and effects" if run.effects_known else "drag"
-        table.add_row(
-            run.name,
-            "all" if run.effects else "none",
-            aid,
-            format_number(metrics.settling_time, ".1f"),
-            format_number(metrics.overshoot_deg, ".1f"),
-            format_number(metrics.steady_error_deg, ".2f"),
-            "none" if cycle is None else f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s",
-            *(format_number(one, ".1f") for one in (metrics.time_constant, metrics.rise_time, metrics.effort)),
-            begins_section=run.name != before,
-        )
+        cells = [run.name, "all" if run.effects else "none", aid]
+        cells += [format_number(one, ".1f") for one in (metrics.settling_time, metrics.overshoot_deg)]
+        cells.append(format_number(metrics.steady_error_deg, ".2f"))
+        cells.append("none" if cycle is None else f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s")
+        cells += [format_number(one, ".1f") for one in (metrics.time_constant, metrics.rise_time, metrics.effort)]
+        table.add_row(*cells, begins_section=run.name != before)
         before = run.name
     # Without effects in the model the column has no information.
     return table if design.model.effects else table.without("effects")
@@ -351,17 +337,11 @@ def formats_table(exports: Mapping[str, VerifiedExport]) -> ResultTable:
         text_column("not held, % of range"),
     )
     for name, made in exports.items():
-        lost = [
-            f"{loss_title(loss.what)} {format_number(loss.percent_of_range['yaw_rate'], 2)}" for loss in made.losses
-        ]
-        table.add_row(
-            name,
-            FORMATS[name].file,
-            format_number(made.mismatch.percent_of_range["yaw_rate"], 2),
-            format_number(made.mismatch.rms["yaw_rate"], 2),
-            format_number(made.kept_mismatch.percent_of_range["yaw_rate"], 2),
-            "; ".join(lost) or DASH,
-        )
+        sizes = [(loss_title(loss.what), loss.percent_of_range["yaw_rate"]) for loss in made.losses]
+        lost = [f"{title} {format_number(size, 2)}" for title, size in sizes]
+        errors = made.mismatch.percent_of_range, made.mismatch.rms, made.kept_mismatch.percent_of_range
+        cells = [format_number(one["yaw_rate"], 2) for one in errors]
+        table.add_row(name, FORMATS[name].file, *cells, "; ".join(lost) or DASH)
     return table
 
 

@@ -106,8 +106,7 @@ def _merged_problems(problems: Mapping[str, str]) -> list[str]:
     """Each reason why logs cannot be used, led by the logs, and lines, with this fault."""
     places: dict[str, list[str]] = {}
     for name, problem in problems.items():
-        located = re.fullmatch(rf".*{re.escape(name)}((?::\d+)*): (.*)", problem, re.DOTALL)
-        if located:
+        if located := re.fullmatch(rf".*{re.escape(name)}((?::\d+)*): (.*)", problem, re.DOTALL):
             places.setdefault(located[2], []).append(name + located[1])
         elif name in problem:
             places[problem] = []
@@ -127,9 +126,8 @@ def _show_sensors(console: Console, checked: PlanarCheck) -> None:
         unit, factor = _unit(one.name)
         noise = "unknown" if math.isnan(one.noise) else format_number(factor * one.noise, 2)
         gap = format_number(one.longest_gap, 2) if one.gaps else "none"
-        table.add_row(
-            one.name.replace("_", " "), format_number(one.rate), str(one.readings), noise, unit, str(one.gaps), gap
-        )
+        cells = format_number(one.rate), str(one.readings), noise, unit, str(one.gaps), gap
+        table.add_row(one.name.replace("_", " "), *cells)
     console.print(table)
     motion = map(mixed_number_column, ("thrust RMS", "speed RMS"))
     table = ResultTable("Motions", text_column("axis"), *motion, text_column("unit"), text_column("driven by"))

@@ -17,33 +17,9 @@ from rovid.present.number_format import as_sentence
 
 # Pages in the order of the list; the effects and the faults of logs follow.
 TOPICS = (
-    "questions",
-    "own_logs",
-    "logs",
-    "files",
-    "faults",
-    "axes",
-    "planar",
-    "fit",
-    "diagnose",
-    "discover",
-    "own_effects",
-    "compare",
-    "plan",
-    "watch",
-    "control",
-    "export",
-    "report",
-    "open",
-    "fleet",
-    "api",
-    "skill",
-    "confusion",
-    "hard",
-    "troubleshooting",
-    "glossary",
-    "method",
-    "effects",
+    *("questions", "own_logs", "logs", "files", "faults", "axes", "planar", "fit", "diagnose", "discover"),
+    *("own_effects", "compare", "plan", "watch", "control", "export", "report", "open", "fleet", "api", "skill"),
+    *("confusion", "hard", "troubleshooting", "glossary", "method", "effects"),
 )
 _INDEX = "README"
 # Folders of pages, each with an index.
@@ -95,8 +71,7 @@ def topic_text(topic: str) -> str:
 
         nearest = suggestion(topic, there, _ALSO | dict(SYNONYMS))
         raise ConfigError(f"there is no page {topic!r}. {nearest}", mend="`rovid help` lists them all.")
-    page = _COMMENT.sub("", _path(topic).read_text(encoding="utf-8"))
-    page = _TAG.sub("", page)
+    page = _TAG.sub("", _COMMENT.sub("", _path(topic).read_text(encoding="utf-8")))
     page = _LINK.sub(lambda link: _reference(link, topic), _PICTURE.sub("", page))
     if "sample_logs/" in page:
         page += "\nThe sample logs come with rovid's sources.\n"
@@ -106,9 +81,7 @@ def topic_text(topic: str) -> str:
 def _folder() -> Path:
     """The folder of the pages: next to the code of an installed rovid, docs/ in a checkout."""
     installed = _PACKAGE / "pages"
-    if installed.is_dir():
-        return installed
-    return _PACKAGE.parent / "docs"
+    return installed if installed.is_dir() else _PACKAGE.parent / "docs"
 
 
 def _path(topic: str) -> Path:
@@ -128,12 +101,9 @@ def _reference(link: re.Match[str], topic: str) -> str:
         return f"{words} ({target})"
     page = Path(target.partition("#")[0])
     name = page.parent.name if page.stem == _INDEX else page.stem
-    if page.suffix != ".md" or name in {topic, words} or name not in {*topic_names()}:
-        return words
     # The title of an effect is nearly its id.
-    if words.replace(" ", "_") == name:
-        return words
-    return f"{words} (`rovid help {name}`)"
+    known = name in {topic, words, words.replace(" ", "_")}
+    return words if page.suffix != ".md" or known or name not in topic_names() else f"{words} (`rovid help {name}`)"
 
 
 # Largest line length in characters, for readability.
@@ -147,11 +117,8 @@ def show_markdown(console: Console, text: str) -> None:
 
 def show_topics(console: Console) -> None:
     """Print the list of pages."""
-    text = (
-        "`rovid help TOPIC` prints one of these pages, `rovid help COMMAND` the manual of a command, and `rovid help "
-        "WORDS` the passages with all these words."
-    )
-    print_text(console, text)
+    text = "`rovid help TOPIC` prints one of these pages, `rovid help COMMAND` the manual of a command, and "
+    print_text(console, f"{text}`rovid help WORDS` the passages with all these words.")
     console.print()
     effects, faults = catalogue_pages("effects"), catalogue_pages("faults")
     for caption, topics in (("Pages", TOPICS), ("Effects", effects), ("Faults of logs", faults)):

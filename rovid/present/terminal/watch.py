@@ -46,7 +46,11 @@ def show_watch_start(
 def show_watch_event(console: Console, event: watch_session.Event, *, at: datetime | None = None) -> None:
     """Print an event, with its time of day where one is given."""
     if isinstance(event, watch_session.LogsChanged):
-        _show_logs(console, event, "Logs:" if at is None else f"{at:%H:%M:%S}")
+        console.print()
+        label = "Logs:" if at is None else f"{at:%H:%M:%S}"
+        print_labelled(console, label, f"{'; '.join(_log_changes(event))}.", indent=2)
+        cut = [log for log in (*event.change.added, *event.change.replaced) if log.cut]
+        show_warnings(console, [f"{log.name}: the log was cut short and has not grown since. {log.cut}" for log in cut])
     elif isinstance(event, watch_session.ModelFitted):
         _show_model(console, event)
     elif isinstance(event, watch_session.LogsDiagnosed):
@@ -64,14 +68,6 @@ def show_watch_event(console: Console, event: watch_session.Event, *, at: dateti
         print_labelled(console, label, text, style)
     else:
         _show_end(console, event)
-
-
-def _show_logs(console: Console, event: watch_session.LogsChanged, label: str) -> None:
-    console.print()
-    print_labelled(console, label, f"{'; '.join(_log_changes(event))}.", indent=2)
-    for log in (*event.change.added, *event.change.replaced):
-        if log.cut:
-            show_warnings(console, [f"{log.name}: the log was cut short and has not grown since. {log.cut}"])
 
 
 def _log_changes(event: watch_session.LogsChanged) -> Iterator[str]:
@@ -143,9 +139,7 @@ def _parameters_table(estimate: Estimate, before: Estimate | None) -> ResultTabl
 
 
 def _percent(share: float | None) -> str:
-    if share is None:
-        return DASH
-    return f"{format_number(100.0 * share, 2)} %"
+    return DASH if share is None else f"{format_number(100.0 * share, 2)} %"
 
 
 def _show_criteria(console: Console, criteria: Sequence[watch_session.CriterionStatus]) -> None:
@@ -154,9 +148,7 @@ def _show_criteria(console: Console, criteria: Sequence[watch_session.CriterionS
 
 
 def _criterion_words(status: watch_session.CriterionStatus) -> str:
-    current = "not known yet"
-    if status.current is not None:
-        current = f"{_percent(status.current)} now"
+    current = "not known yet" if status.current is None else f"{_percent(status.current)} now"
     return f"{status.criterion}: {'reached, ' * status.met}{current}"
 
 
@@ -224,25 +216,17 @@ def watch_documents(event: watch_session.Event) -> list[Document]:
     if isinstance(event, watch_session.ModelFitted):
         return [_line("model", _model_document(event))]
     if isinstance(event, watch_session.LogsDiagnosed):
-        document, extended = diagnosis_document(event.diagnosis, event.study), event.diagnosis.extended
-        suspects_document = {
-            "logs": _trial_names(event),
-            **{key: document[key] for key in ("verdict", "findings", "suspects", "next_experiment")},
-            "parameters": {} if extended is None else parameters_with_previous(extended.estimate, None),
-            "until": _criteria(event.criteria),
-        }
-        return [_line("suspects", suspects_document)]
+        whole, extended = diagnosis_document(event.diagnosis, event.study), event.diagnosis.extended
+        document = {"logs": _trial_names(event)}
+        document |= {key: whole[key] for key in ("verdict", "findings", "suspects", "next_experiment")}
+        document["parameters"] = {} if extended is None else parameters_with_previous(extended.estimate, None)
+        return [_line("suspects", document | {"until": _criteria(event.criteria)})]
     if isinstance(event, watch_session.NextRun):
         return [_line("next_run", _next_run_document(event))]
     if isinstance(event, Problem):
         return [_line("problem", {"where": event.where, "text": event.text, "over": event.resolved})]
-    end: Document = {
-        "reason": event.reason,
-        "logs": [log.name for log in event.logs],
-        "until": _criteria(event.criteria),
-        "fit": None,
-        "diagnosis": None,
-    }
+    end: Document = {"reason": event.reason, "logs": [log.name for log in event.logs]}
+    end |= {"until": _criteria(event.criteria), "fit": None, "diagnosis": None}
     if event.study is not None and event.fit is not None:
         end["fit"] = fit_document(event.fit, event.study)
     if event.study is not None and event.diagnosis is not None:
@@ -267,12 +251,8 @@ def _log_document(action: str, log: WatchedLog) -> Document:
 
 def _model_document(event: watch_session.ModelFitted) -> Document:
     fit = event.fit
-    document: Document = {
-        "logs": _trial_names(event),
-        "new": list(event.new),
-        "missing": event.missing or None,
-        "until": _criteria(event.criteria),
-    }
+    document: Document = {"logs": _trial_names(event), "new": list(event.new), "missing": event.missing or None}
+    document["until"] = _criteria(event.criteria)
     if fit is None:
         return document | {"effects": [], "parameters": {}, "fit": None}
     return document | {
@@ -290,16 +270,11 @@ def parameters_with_previous(estimate: Estimate, before: Estimate | None) -> dic
         return float(high - low)
 
     documents: dict[str, Document] = parameter_document(estimate)
-    previous: dict[str, Document] = {}
-    if before is not None:
-        previous = parameter_document(before)
+    previous = {} if before is None else parameter_document(before)
     for name, document in documents.items():
         old = previous.get(name)
-        document |= {
-            "relative_interval": watch_session.relative_half_width(estimate, name),
-            "before": old,
-            "narrower": None,
-        }
+        document["relative_interval"] = watch_session.relative_half_width(estimate, name)
+        document |= {"before": old, "narrower": None}
         if old is not None:
             document["narrower"] = width(old) / max(width(document), 1e-300)
     return documents
@@ -321,18 +296,13 @@ def _next_run_document(event: watch_session.NextRun) -> Document:
             "gain": plan.best.gain,
             "commands": commands_by_name(plan),
         }
-    return document | {
-        "run": event.words,
-        "reason": event.reason,
-        "command_file": None if event.written is None else str(event.written),
-    }
+    written = None if event.written is None else str(event.written)
+    return document | {"run": event.words, "reason": event.reason, "command_file": written}
 
 
 def _criteria(criteria: Sequence[watch_session.CriterionStatus]) -> list[Document]:
     documents = []
     for status in criteria:
-        percent = None
-        if status.current is not None:
-            percent = 100.0 * status.current
+        percent = None if status.current is None else 100.0 * status.current
         documents.append({"condition": str(status.criterion), "percent": percent, "met": status.met})
     return documents
