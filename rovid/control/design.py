@@ -8,20 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from rovid.control import tuning
-from rovid.control.actuators import (
-    AUTOPILOTS,
-    NOISE_SHARE,
-    SATURATING_ERROR,
-    ActuatorProbe,
-    Allocation,
-    AutopilotLaw,
-    allocate,
-    autopilot_loop,
-    autopilot_parameters,
-    default_gains,
-    one_way_only,
-)
+from rovid.control import actuators, tuning
 from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, StepMetrics, simulate_loops, step_metrics
 from rovid.control.control_law import (
     NO_STATIC_TERMS,
@@ -78,10 +65,10 @@ class MarginSpread:
 class ControllerDesign:
     """A controller with the properties of its loop."""
 
-    law: ControlLaw | AutopilotLaw  #: With full model aid, or of an autopilot.
+    law: ControlLaw | actuators.AutopilotLaw  #: With full model aid, or of an autopilot.
     model: Model
     conditions: LoopConditions
-    allocation: Allocation
+    allocation: actuators.Allocation
     #: ``damping``, ``bandwidth``: damping ratio, and natural frequency in rad/s, of the gains and the yaw inertia.
     damping: float
     bandwidth: float
@@ -94,9 +81,9 @@ class ControllerDesign:
     @property
     def autopilot_parameters(self) -> dict[str, float]:
         """Parameters of the autopilot by its names; empty for the model-aided law."""
-        if not isinstance(self.law, AutopilotLaw):
+        if not isinstance(self.law, actuators.AutopilotLaw):
             return {}
-        return autopilot_parameters(AUTOPILOTS[self.autopilot], self.law)
+        return actuators.autopilot_parameters(actuators.AUTOPILOTS[self.autopilot], self.law)
 
 
 def design_controller(
@@ -106,7 +93,7 @@ def design_controller(
 
     Raises DataError if no bandwidth has sufficient margins, or the thrusters turn the vehicle one way only.
     """
-    model, autopilot = parameters.model(), AUTOPILOTS.get(options.law)
+    model, autopilot = parameters.model(), actuators.AUTOPILOTS.get(options.law)
     if not vehicle.thrusters and autopilot is not None:
         text = "without thrusters the torque of an autopilot's full output is not known."
         raise DataError(text, where="--law", mend="Give logs with thrusters and their curves, or leave --law out.")
@@ -115,16 +102,16 @@ def design_controller(
         vehicle = replace(vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
     kp, kd, bandwidth = options.kp, options.kd, options.bandwidth
     runs: list[ClosedLoopResult] = []
-    law: ControlLaw | AutopilotLaw
+    law: ControlLaw | actuators.AutopilotLaw
     if autopilot is not None:
-        gains_of = default_gains(model, options.damping)
+        gains_of = actuators.default_gains(model, options.damping)
         if kp is not None and kd is not None:
             fixed = kp, kd
             gains_of, bandwidth = (lambda _: fixed), math.sqrt(kp / model.inertia)
-        law, loop, probe = autopilot_loop(model, vehicle, conditions, autopilot, gains_of, bandwidth)
+        law, loop, probe = actuators.autopilot_loop(model, vehicle, conditions, autopilot, gains_of, bandwidth)
         allocation = probe.allocation
     else:
-        allocation = allocate(vehicle, model)
+        allocation = actuators.allocate(vehicle, model)
         if kp is None or kd is None:
             bandwidth = bandwidth or choose_bandwidth(model, vehicle, allocation, conditions, options.damping)
             kp, kd = tuning.pd_gains(model.inertia, options.damping, bandwidth)
@@ -149,7 +136,9 @@ def design_controller(
     )
 
 
-def control_law(model: Model, allocation: Allocation, conditions: LoopConditions, kp: float, kd: float) -> ControlLaw:
+def control_law(
+    model: Model, allocation: actuators.Allocation, conditions: LoopConditions, kp: float, kd: float
+) -> ControlLaw:
     """Controller with these gains and the full aid of ``model``."""
     rate_filter = conditions.rate_filter
     if rate_filter is None:
@@ -174,7 +163,7 @@ def without_model_aid(law: ControlLaw) -> ControlLaw:
 
 
 def open_loop(
-    law: ControlLaw, model: Model, vehicle: Vehicle, allocation: Allocation, conditions: LoopConditions
+    law: ControlLaw, model: Model, vehicle: Vehicle, allocation: actuators.Allocation, conditions: LoopConditions
 ) -> tuning.OpenLoop:
     """Loop of ``law`` about rest, at the amplitude of the torque in use."""
     return tuning.OpenLoop(
@@ -185,9 +174,11 @@ def open_loop(
     )
 
 
-def _probe(model: Model, vehicle: Vehicle, allocation: Allocation, conditions: LoopConditions) -> ActuatorProbe:
+def _probe(
+    model: Model, vehicle: Vehicle, allocation: actuators.Allocation, conditions: LoopConditions
+) -> actuators.ActuatorProbe:
     """Probe with the amplitude of the torque in use, but at most half of the torque limits."""
-    return ActuatorProbe(
+    return actuators.ActuatorProbe(
         vehicle=vehicle,
         parts=model.actuators.subdivision,
         allocation=allocation,
@@ -197,20 +188,20 @@ def _probe(model: Model, vehicle: Vehicle, allocation: Allocation, conditions: L
 
 
 def choose_bandwidth(
-    model: Model, vehicle: Vehicle, allocation: Allocation, conditions: LoopConditions, damping: float
+    model: Model, vehicle: Vehicle, allocation: actuators.Allocation, conditions: LoopConditions, damping: float
 ) -> float:
     """Largest bandwidth in rad/s with sufficient margins, within the limits of noise and actuators."""
     capacity = min(allocation.highest, -allocation.lowest)
     if not capacity > 0.0:
-        raise one_way_only()
+        raise actuators.one_way_only()
 
     def law_at(bandwidth: float) -> ControlLaw:
         kp, kd = tuning.pd_gains(model.inertia, damping, bandwidth)
         return control_law(model, allocation, conditions, kp, kd)
 
-    limit = math.sqrt(capacity / SATURATING_ERROR / model.inertia)
+    limit = math.sqrt(capacity / actuators.SATURATING_ERROR / model.inertia)
     for bandwidth in tuning.BANDWIDTHS.tolist():
-        if law_at(bandwidth).noise(conditions.heading_noise) > NOISE_SHARE * conditions.torque_in_use:
+        if law_at(bandwidth).noise(conditions.heading_noise) > actuators.NOISE_SHARE * conditions.torque_in_use:
             limit = min(limit, bandwidth)
             break
     # Motion and actuators do not depend on the gains.
@@ -219,7 +210,7 @@ def choose_bandwidth(
 
 
 def _margin_spread(
-    loop: tuning.OpenLoop, parameters: Parameters, probe: ActuatorProbe, fastest: float
+    loop: tuning.OpenLoop, parameters: Parameters, probe: actuators.ActuatorProbe, fastest: float
 ) -> MarginSpread | None:
     """Monte Carlo over the covariance of the parameters with the controller fixed; None without a covariance."""
     if not any(value > 0.0 for value in parameters.covariance.values()):
@@ -241,13 +232,13 @@ def closed_runs(
     law: ControlLaw,
     model: Model,
     vehicle: Vehicle,
-    allocation: Allocation,
+    allocation: actuators.Allocation,
     conditions: LoopConditions,
     manoeuvres: Sequence[HeadingManoeuvre],
 ) -> list[ClosedLoopResult]:
     """Each manoeuvre with and without model aid; with effects also before and after the aid knows of them."""
     bare = model.with_effects()
-    bench = allocate(vehicle, bare)
+    bench = actuators.allocate(vehicle, bare)
     plain = replace(law, static_terms=NO_STATIC_TERMS, lowest=bench.lowest, highest=bench.highest)
     # Controller, its allocation, model aid, and effects known.
     variants = [(plain, bench, True, False), (without_model_aid(plain), bench, False, False)]
@@ -282,7 +273,11 @@ def closed_runs(
 
 
 def noisy_and_noise_free(
-    law: ControlLaw, allocation: Allocation, plant: Plant, manoeuvres: Sequence[HeadingManoeuvre], seed: int = 0
+    law: ControlLaw,
+    allocation: actuators.Allocation,
+    plant: Plant,
+    manoeuvres: Sequence[HeadingManoeuvre],
+    seed: int = 0,
 ) -> list[ClosedLoop]:
     """Loop of each manoeuvre, each followed by the same without noise, disturbance and waves."""
     duration = run_duration(law, plant.model)

@@ -16,20 +16,7 @@ from rovid.core.array_types import FloatArray
 from rovid.model.simulation import TrialSimulation
 from rovid.present import residuals
 from rovid.present.number_format import shorten_name
-from rovid.present.plots.canvas import (
-    BLACK,
-    BLUE,
-    GREY,
-    ORANGE,
-    PALE,
-    POINTS,
-    decimate_min_max,
-    legend_above,
-    panel_grid,
-    panel_sheet,
-    plot_overlay,
-    report_style,
-)
+from rovid.present.plots import canvas
 from rovid.trial.axis import Axis
 
 # Most points of a scatter plot: of all residuals, and of the readings without one cause.
@@ -41,12 +28,12 @@ _MEANS, _FEWEST = 16, 10
 _SHOWN_PERCENTILES = (0.2, 99.8)
 # Names of trials: most characters; in of a character along the name, and of a name across.
 _NAME_LENGTH, _CHARACTER, _NAME_HEIGHT = 14, 0.055, 0.11
-_TRIAL_NAME: dict[str, Any] = {"rotation": 90, "fontsize": 6.5, "color": GREY, "va": "top", "ha": "left"}
+_TRIAL_NAME: dict[str, Any] = {"rotation": 90, "fontsize": 6.5, "color": canvas.GREY, "va": "top", "ha": "left"}
 _MISSING_WIDTH, _MISSING_HEIGHT = 6.4, 2.3  # in
-_LOOKS = (("plain model", ORANGE, "--", "s"), ("extended model", BLUE, "-", "o"))
+_LOOKS = (("plain model", canvas.ORANGE, "--", "s"), ("extended model", canvas.BLUE, "-", "o"))
 
 
-@report_style
+@canvas.report_style
 def plot_residuals(items: Sequence[residuals.ResidualTorque], cutoff: float) -> Figure:
     """Residual torque against rate, torque and time, its autocorrelation and its spectrum."""
     figure, drivers, (course, lags, frequencies) = _residual_panels(items)
@@ -57,20 +44,22 @@ def plot_residuals(items: Sequence[residuals.ResidualTorque], cutoff: float) -> 
         # A part of the points, and their means in bins.
         known = np.flatnonzero(np.isfinite(driver) & np.isfinite(residual))
         rows = known[:: max(len(known) // _DOTS, 1)]
-        panel.plot(driver[rows], residual[rows], color=BLUE, alpha=0.55, rasterized=True, label="samples", **look)
-        panel.axhline(0.0, color=BLACK, linewidth=0.8)
+        panel.plot(
+            driver[rows], residual[rows], color=canvas.BLUE, alpha=0.55, rasterized=True, label="samples", **look
+        )
+        panel.axhline(0.0, color=canvas.BLACK, linewidth=0.8)
         means = residuals.bin_means(driver, residual, _MEANS, _FEWEST, share)
-        _plot_means(panel, means, color=ORANGE, marker="o", label="mean ± standard error")
+        _plot_means(panel, means, color=canvas.ORANGE, marker="o", label="mean ± standard error")
     legend = _label_residuals(drivers, items[0].run.trial.axis, "residual")
     legend.get_lines()[0].set(markersize=7, alpha=1.0)
-    _plot_course(course, items, (BLUE, GREY))
+    _plot_course(course, items, (canvas.BLUE, canvas.GREY))
     _name_trials(course, items)
-    _plot_autocorrelation(lags, items, cutoff, color=BLUE)
-    _plot_spectrum(frequencies, items, cutoff, color=BLUE)
+    _plot_autocorrelation(lags, items, cutoff, color=canvas.BLUE)
+    _plot_spectrum(frequencies, items, cutoff, color=canvas.BLUE)
     return figure
 
 
-@report_style
+@canvas.report_style
 def plot_residual_comparison(
     before: Sequence[residuals.ResidualTorque], after: Sequence[residuals.ResidualTorque], cutoff: float
 ) -> Figure:
@@ -87,7 +76,7 @@ def plot_residual_comparison(
         _plot_spectrum(frequencies, items, cutoff, **line)
     _name_trials(course, before)
     for panel, _ in drivers:
-        panel.axhline(0.0, color=BLACK, linewidth=0.8)
+        panel.axhline(0.0, color=canvas.BLACK, linewidth=0.8)
     _label_residuals(drivers, before[0].run.trial.axis, "mean residual")
     return figure
 
@@ -101,7 +90,7 @@ def _residual_panels(items: Sequence[residuals.ResidualTorque]) -> tuple[Figure,
     torques = residuals.all_thruster_torques(items)
     drivers = [rates, torques] if np.any(np.nan_to_num(torques)) else [rates]
     rows = [(2.2, len(drivers)), (2.2, 1), (1.9, 2)]
-    figure, (top, *others) = panel_grid(rows, top=0.4, across=0.95)
+    figure, (top, *others) = canvas.panel_grid(rows, top=0.4, across=0.95)
     return figure, list(zip(top, drivers, strict=True)), [panel for row in others for panel in row]
 
 
@@ -126,7 +115,7 @@ def _plot_course(panel: Axes, items: Sequence[residuals.ResidualTorque], colours
     for item, colour in zip(items, cycle(colours), strict=False):
         time = clock + item.run.rates.time - item.run.rates.time[0]
         count = max(2400 * len(item.residual) // samples, 20)
-        panel.plot(*decimate_min_max(time, item.residual, count), color=colour, linewidth=0.7)
+        panel.plot(*canvas.decimate_min_max(time, item.residual, count), color=colour, linewidth=0.7)
         clock = float(time[-1])
     axis = items[0].run.trial.axis
     panel.set(xlabel="time, all trials one after another, s", ylabel=f"residual {axis.force_name}, {axis.force_unit}")
@@ -141,7 +130,7 @@ def _name_trials(panel: Axes, items: Sequence[residuals.ResidualTorque]) -> None
     for clock, length, name in zip(np.cumsum([0.0, *lengths]), lengths, names, strict=False):
         if length * box.width >= _NAME_HEIGHT * sum(lengths):
             panel.text(clock, 0.99, f" {name}", transform=panel.get_xaxis_transform(), **_TRIAL_NAME)
-            panel.axvline(clock, color=GREY, linewidth=0.5)
+            panel.axvline(clock, color=canvas.GREY, linewidth=0.5)
     share = min(_CHARACTER * (1 + max(map(len, names))) / box.height, 0.8)
     low, high = panel.get_ylim()
     panel.set_yticks([tick for tick in panel.get_yticks() if low <= tick <= high])
@@ -155,8 +144,8 @@ def _plot_autocorrelation(panel: Axes, items: Sequence[residuals.ResidualTorque]
     panel.plot(*residuals.autocorrelation(items, longest), **look)
     band = residuals.white_band(items, cutoff)
     if not panel.patches:
-        panel.axhspan(-band, band, color=GREY, alpha=0.25, linewidth=0.0, label="white noise, 95 %")
-        panel.axhline(0.0, color=BLACK, linewidth=0.8)
+        panel.axhspan(-band, band, color=canvas.GREY, alpha=0.25, linewidth=0.0, label="white noise, 95 %")
+        panel.axhline(0.0, color=canvas.BLACK, linewidth=0.8)
         panel.legend(handles=[panel.patches[0]], loc="upper right")
     panel.set(xlabel="lag, s", ylabel="autocorrelation", xlim=(0.0, longest), ylim=(-0.6, 1.05))
 
@@ -174,30 +163,30 @@ def _plot_spectrum(panel: Axes, items: Sequence[residuals.ResidualTorque], cutof
     panel.yaxis.set_minor_locator(NullLocator())
 
 
-@report_style
+@canvas.report_style
 def plot_missing_torque(item: residuals.MissingTorque, axis: Axis) -> Figure:
     """Torque that the model misses without one cause: readings, their means, and the equation."""
     rows = [(_MISSING_HEIGHT, 1)]
-    figure, ((panel,),) = panel_grid(rows, left=0.8, top=0.32, bottom=0.5, width=_MISSING_WIDTH)
+    figure, ((panel,),) = canvas.panel_grid(rows, left=0.8, top=0.32, bottom=0.5, width=_MISSING_WIDTH)
     known = np.isfinite(item.driver_values) & np.isfinite(item.measured) & np.isfinite(item.equation)
     x, y = item.driver_values[known], item.measured[known]
     every = max(len(x) // _CLOUD, 1)
-    look: dict[str, Any] = {"color": PALE, "markersize": 2.5, "alpha": 0.6, "zorder": 1, "rasterized": True}
+    look: dict[str, Any] = {"color": canvas.PALE, "markersize": 2.5, "alpha": 0.6, "zorder": 1, "rasterized": True}
     panel.plot(x[::every], y[::every], ".", label="readings", **look)
     line, values = item.line
     over_time = item.driver.startswith("time in ") and line is item.driver_values
     if not over_time:
         means = residuals.bin_means(x, y, _MEANS, _FEWEST, item.independent)
-        _plot_means(panel, means, fmt="o", color=BLUE, label="their mean ± standard error", zorder=3)
+        _plot_means(panel, means, fmt="o", color=canvas.BLUE, label="their mean ± standard error", zorder=3)
     finite = np.isfinite(line) & np.isfinite(values)
-    panel.plot(line[finite], values[finite], color=ORANGE, linewidth=2.0, label="the equation", zorder=2)
-    panel.axhline(0.0, color=BLACK, linewidth=0.8, zorder=0)
+    panel.plot(line[finite], values[finite], color=canvas.ORANGE, linewidth=2.0, label="the equation", zorder=2)
+    panel.axhline(0.0, color=canvas.BLACK, linewidth=0.8, zorder=0)
     low, high = np.percentile(y, _SHOWN_PERCENTILES)
     low, high = min(low, float(np.nanmin(values))), max(high, float(np.nanmax(values)))
     margin = 0.08 * (high - low)
     panel.set_ylim(low - margin, high + margin)
     panel.set(xlabel=item.driver, ylabel=f"missing {axis.force_name}, {axis.force_unit}")
-    legend_above(figure, *panel.get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.08, 1.0))
+    canvas.legend_above(figure, *panel.get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.08, 1.0))
     return figure
 
 
@@ -206,7 +195,7 @@ PER_SHEET, _COLUMNS = 24, 3
 _POINTS_PER_INCH = 100
 
 
-@report_style
+@canvas.report_style
 def plot_before_after(
     before: TrialSimulation,
     after: TrialSimulation,
@@ -220,16 +209,16 @@ def plot_before_after(
     ``width`` of the figure and heights of the two ``rows`` are in inches; ``names`` are those of the models.
     """
     margins = {"left": 0.55, "right": 0.18, "top": 0.5, "bottom": 0.42, "down": 0.34, "width": width}
-    figure, ((rate,), (position,)) = panel_grid([(height, 1) for height in rows], share_x=True, **margins)
+    figure, ((rate,), (position,)) = canvas.panel_grid([(height, 1) for height in rows], share_x=True, **margins)
     trial, axis = before.run.trial, before.run.trial.axis
     unit, count = axis.display_unit[0], round(_POINTS_PER_INCH * width)
-    measured = decimate_min_max(before.run.rates.time, before.measured, count)
-    rate.plot(*measured, color=PALE, linewidth=4.0, label="measured")
-    looks = [(before, BLACK, "-", "simulated")]
+    measured = canvas.decimate_min_max(before.run.rates.time, before.measured, count)
+    rate.plot(*measured, color=canvas.PALE, linewidth=4.0, label="measured")
+    looks = [(before, canvas.BLACK, "-", "simulated")]
     if after is not before:
-        looks = [(before, ORANGE, "--", names[0]), (after, BLACK, "-", names[1])]
+        looks = [(before, canvas.ORANGE, "--", names[0]), (after, canvas.BLACK, "-", names[1])]
     for item, colour, dashes, label in looks:
-        simulated = decimate_min_max(item.run.rates.time, item.simulated, count)
+        simulated = canvas.decimate_min_max(item.run.rates.time, item.simulated, count)
         rate.plot(*simulated, dashes, color=colour, linewidth=1.3, label=label)
         _plot_position_error(position, item, count, dashes, colour, 1.3)
     rate.set_title(f"{axis.rate_words}, {axis.rate_unit}", fontsize=9, pad=4)
@@ -237,7 +226,7 @@ def plot_before_after(
     for panel, height in zip((rate, position), rows, strict=True):
         panel.locator_params(axis="y", nbins=max(round(3.0 * height), 3))
     position.set(xlabel="time, s", xlim=(trial.time[0], trial.time[-1]))
-    legend_above(figure, *rate.get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.0, 1.0))
+    canvas.legend_above(figure, *rate.get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.0, 1.0))
     return figure
 
 
@@ -248,19 +237,19 @@ def _plot_position_error(
     trial = item.run.trial
     known = trial.measured
     error = trial.axis.display_unit[1] * (item.position - trial.position)[known]
-    panel.plot(*decimate_min_max(trial.time[known], error, count), dashes, color=colour, linewidth=linewidth)
+    panel.plot(*canvas.decimate_min_max(trial.time[known], error, count), dashes, color=colour, linewidth=linewidth)
 
 
-@report_style
+@canvas.report_style
 def plot_overview(pairs: Sequence[tuple[TrialSimulation, TrialSimulation]]) -> Figure:
     """Measured and simulated rate of each trial with its R²; two simulations where causes were found."""
     height, margins = 0.95 if len(pairs) > _COLUMNS else 1.8, {"left": 0.75, "top": 0.52, "bottom": 0.5}
-    figure, panels = panel_sheet(len(pairs), min(len(pairs), _COLUMNS), height, across=0.5, down=0.5, **margins)
+    figure, panels = canvas.panel_sheet(len(pairs), min(len(pairs), _COLUMNS), height, across=0.5, down=0.5, **margins)
     for panel, (before, after) in zip(panels, pairs, strict=True):
-        plot_overlay(panel, after.run.rates.time, after.measured, after.simulated, 500)
+        canvas.plot_overlay(panel, after.run.rates.time, after.measured, after.simulated, 500)
         if before is not after:
-            time, rate = decimate_min_max(after.run.rates.time, before.simulated, 500)
-            panel.plot(time, rate, "--", color=ORANGE, linewidth=1.0, label="simulated by the plain model")
+            time, rate = canvas.decimate_min_max(after.run.rates.time, before.simulated, 500)
+            panel.plot(time, rate, "--", color=canvas.ORANGE, linewidth=1.0, label="simulated by the plain model")
         panel.set_title(shorten_name(after.run.trial.name, 22), fontsize=9, pad=3)
         if math.isfinite(after.fit.r2):
             panel.set_title(f"R² {after.fit.r2:.4f}", fontsize=8, loc="right", pad=3)
@@ -270,20 +259,22 @@ def plot_overview(pairs: Sequence[tuple[TrialSimulation, TrialSimulation]]) -> F
     figure.supxlabel("time, s", y=0.06 / figure.get_figheight(), fontsize=10, va="bottom")
     axis = pairs[0][0].run.trial.axis
     figure.supylabel(f"{axis.rate_words}, {axis.rate_unit}", x=0.01, fontsize=10, ha="left")
-    legend_above(figure, *panels[0].get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.07, 1.0))
+    canvas.legend_above(figure, *panels[0].get_legend_handles_labels(), 3, loc="upper left", bbox_to_anchor=(0.07, 1.0))
     return figure
 
 
-@report_style
+@canvas.report_style
 def plot_trial(item: TrialSimulation) -> Figure:
     """Torque, measured and simulated rate, and errors of rate and position of one trial."""
     rows = [(0.75, 1), (2.2, 1), (0.9, 1), (0.9, 1)]
-    figure, ((torque,), (rate,), (difference,), (position,)) = panel_grid(rows, left=1.05, down=0.16, share_x=True)
+    figure, ((torque,), (rate,), (difference,), (position,)) = canvas.panel_grid(
+        rows, left=1.05, down=0.16, share_x=True
+    )
     trial, time, axis = item.run.trial, item.run.rates.time, item.run.trial.axis
-    torque.step(*decimate_min_max(trial.time, item.run.torque), where="post", color=BLUE, linewidth=1.0)
-    plot_overlay(rate, time, item.measured, item.simulated)
-    difference.plot(*decimate_min_max(time, item.simulated - item.measured), color=BLUE, linewidth=0.9)
-    _plot_position_error(position, item, POINTS, "-", BLUE, 0.9)
+    torque.step(*canvas.decimate_min_max(trial.time, item.run.torque), where="post", color=canvas.BLUE, linewidth=1.0)
+    canvas.plot_overlay(rate, time, item.measured, item.simulated)
+    difference.plot(*canvas.decimate_min_max(time, item.simulated - item.measured), color=canvas.BLUE, linewidth=0.9)
+    _plot_position_error(position, item, canvas.POINTS, "-", canvas.BLUE, 0.9)
     labels = {
         torque: f"{axis.force_name},\n{axis.force_unit}",
         rate: f"{axis.rate_words},\n{axis.rate_unit}",
@@ -299,6 +290,6 @@ def plot_trial(item: TrialSimulation) -> Figure:
     if math.isfinite(item.fit.r2):
         title += f"   R² {item.fit.r2:.4f}, fit {item.fit.fit_percent:.1f} %"
     torque.set_title(title)
-    legend_above(figure, *rate.get_legend_handles_labels(), 2)
+    canvas.legend_above(figure, *rate.get_legend_handles_labels(), 2)
     position.set_xlabel("time, s")
     return figure

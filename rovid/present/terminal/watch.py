@@ -9,16 +9,7 @@ from rich.console import Console
 from rovid.core.formatting import plus_minus, significant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import commands_by_name
-from rovid.present.console import (
-    ResultTable,
-    mixed_number_column,
-    print_labelled,
-    print_path,
-    print_text,
-    show_caution,
-    show_warnings,
-    text_column,
-)
+from rovid.present import console as printing
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.documents.fits import Document, fields, fit_document, parameter_document
 from rovid.present.number_format import DASH, format_number
@@ -40,7 +31,7 @@ def show_watch_start(
     end = "until Ctrl-C"
     if until:
         end = f"until {join_words(list(map(str, until)))}; Ctrl-C ends it before"
-    print_labelled(console, "Watching", f"{folder}, every {interval:g} s, {end}.")
+    printing.print_labelled(console, "Watching", f"{folder}, every {interval:g} s, {end}.")
 
 
 def show_watch_event(console: Console, event: watch_session.Event, *, at: datetime | None = None) -> None:
@@ -48,9 +39,11 @@ def show_watch_event(console: Console, event: watch_session.Event, *, at: dateti
     if isinstance(event, watch_session.LogsChanged):
         console.print()
         label = "Logs:" if at is None else f"{at:%H:%M:%S}"
-        print_labelled(console, label, f"{'; '.join(_log_changes(event))}.", indent=2)
+        printing.print_labelled(console, label, f"{'; '.join(_log_changes(event))}.", indent=2)
         cut = [log for log in (*event.change.added, *event.change.replaced) if log.cut]
-        show_warnings(console, [f"{log.name}: the log was cut short and has not grown since. {log.cut}" for log in cut])
+        printing.show_warnings(
+            console, [f"{log.name}: the log was cut short and has not grown since. {log.cut}" for log in cut]
+        )
     elif isinstance(event, watch_session.ModelFitted):
         _show_model(console, event)
     elif isinstance(event, watch_session.LogsDiagnosed):
@@ -59,13 +52,13 @@ def show_watch_event(console: Console, event: watch_session.Event, *, at: dateti
         run = event.words
         if event.plan is not None:
             run += f", {event.plan.best.run.seconds / 60.0:.1f} min"
-        print_labelled(console, "Next:", f"{run}; {event.reason}.", indent=2)
+        printing.print_labelled(console, "Next:", f"{run}; {event.reason}.", indent=2)
         if event.written is not None:
-            print_path(console, f"  written: {event.written}")
+            printing.print_path(console, f"  written: {event.written}")
     elif isinstance(event, Problem):
         label, style = ("Mended:", "green") if event.resolved else ("Note:", "yellow")
         text = event.text if event.text.startswith(event.where) else f"{event.where}: {event.text}"
-        print_labelled(console, label, text, style)
+        printing.print_labelled(console, label, text, style)
     else:
         _show_end(console, event)
 
@@ -93,12 +86,12 @@ def _duration(logs: Sequence[WatchedLog]) -> str:
 def _show_model(console: Console, event: watch_session.ModelFitted) -> None:
     if event.fit is None:
         label = "No go:" if stopping(event.study.faults) else "Not enough yet:"
-        print_labelled(console, label, event.missing, "bold yellow", indent=2)
+        printing.print_labelled(console, label, event.missing, "bold yellow", indent=2)
         return
     estimate = event.fit.estimate
-    show_caution(console, estimate.assumptions)
+    printing.show_caution(console, estimate.assumptions)
     headline = _narrowing_sentence(estimate, event.before) if event.new else "The model with these logs."
-    print_labelled(console, headline, indent=2)
+    printing.print_labelled(console, headline, indent=2)
     console.print(_parameters_table(estimate, event.before))
     _show_criteria(console, event.criteria)
 
@@ -116,12 +109,12 @@ def _narrowing_sentence(estimate: Estimate, before: Estimate | None) -> str:
     return f"The new logs narrowed the intervals: {join_words(factors_words)}."
 
 
-def _parameters_table(estimate: Estimate, before: Estimate | None) -> ResultTable:
+def _parameters_table(estimate: Estimate, before: Estimate | None) -> printing.ResultTable:
     """Parameters with their relative intervals, and how these compare with those before the last logs."""
     titles = ["value ± error", "unit", "95 % within"]
     if before is not None:
         titles += ["before", "narrower"]
-    table = ResultTable("", text_column("parameter"), *map(mixed_number_column, titles))
+    table = printing.ResultTable("", printing.text_column("parameter"), *map(printing.mixed_number_column, titles))
     for name, row in parameters_with_previous(estimate, before).items():
         cells = [name, plus_minus(row["value"], row["standard_error"]), row["unit"]]
         if row.get("placeholder"):
@@ -144,7 +137,7 @@ def _percent(share: float | None) -> str:
 
 def _show_criteria(console: Console, criteria: Sequence[watch_session.CriterionStatus]) -> None:
     if criteria:
-        print_labelled(console, "Until:", "; ".join(map(_criterion_words, criteria)) + ".", indent=2)
+        printing.print_labelled(console, "Until:", "; ".join(map(_criterion_words, criteria)) + ".", indent=2)
 
 
 def _criterion_words(status: watch_session.CriterionStatus) -> str:
@@ -155,16 +148,16 @@ def _criterion_words(status: watch_session.CriterionStatus) -> str:
 def _show_diagnosis(console: Console, event: watch_session.LogsDiagnosed) -> None:
     diagnosis, extended = event.diagnosis, event.diagnosis.extended
     if diagnosis.verdict == "too_little_data":
-        print_labelled(console, "Causes:", f"not yet determined: {diagnosis.missing}", indent=2)
+        printing.print_labelled(console, "Causes:", f"not yet determined: {diagnosis.missing}", indent=2)
         return
-    print_labelled(console, "Causes:", verdict_sentence(diagnosis, event.study.vehicle.assumptions), indent=2)
+    printing.print_labelled(console, "Causes:", verdict_sentence(diagnosis, event.study.vehicle.assumptions), indent=2)
     for finding in diagnosis.causes:
-        print_text(console, f"  {cause_name(finding)}: {evidence_words(finding)}", 4)
+        printing.print_text(console, f"  {cause_name(finding)}: {evidence_words(finding)}", 4)
     if diagnosis.is_cut_short and diagnosis.causes:
-        print_text(console, CUT_SHORT, 2)
+        printing.print_text(console, CUT_SHORT, 2)
     fitted = None if event.fit is None else event.fit.estimate
     if extended is not None and diagnosis.findings and (fitted is None or extended.estimate.names != fitted.names):
-        print_labelled(console, "Extended model, with these causes:")
+        printing.print_labelled(console, "Extended model, with these causes:")
         console.print(_parameters_table(extended.estimate, fitted))
     if not all(status.met for status in event.criteria):
         _show_criteria(console, event.criteria)
@@ -177,22 +170,22 @@ def _show_end(console: Console, event: watch_session.SessionEnded) -> None:
     console.print()
     if event.reason == "reached":
         criteria = "; ".join(map(_criterion_words, event.criteria))
-        print_labelled(console, "Stop:", f"enough is known, by {logs}: {criteria}.", "bold green", indent=2)
+        printing.print_labelled(console, "Stop:", f"enough is known, by {logs}: {criteria}.", "bold green", indent=2)
         return
-    print_labelled(console, "Ended:", f"{logs}.")
+    printing.print_labelled(console, "Ended:", f"{logs}.")
     _show_criteria(console, event.criteria)
     if event.reason != "interrupted":
         return
     estimate = None if event.fit is None else event.fit.estimate
     if event.diagnosis is not None and event.study is not None:
         guess = event.study.vehicle.assumptions
-        print_labelled(console, "Causes:", verdict_sentence(event.diagnosis, guess), indent=2)
+        printing.print_labelled(console, "Causes:", verdict_sentence(event.diagnosis, guess), indent=2)
         if event.diagnosis.extended is not None:
             estimate = event.diagnosis.extended.estimate
     if estimate is not None:
         console.print(_parameters_table(estimate, None))
     if event.diagnosis is None and event.fit is not None:
-        print_text(console, "The last logs were fitted but not diagnosed: run `rovid diagnose`.")
+        printing.print_text(console, "The last logs were fitted but not diagnosed: run `rovid diagnose`.")
 
 
 SCHEMA = "rovid-watch/1"
