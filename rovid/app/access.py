@@ -366,7 +366,6 @@ class TokenGuard:
         return set(origins) <= {self.origin.encode()} and set(sites) <= {b"same-origin", b"none"}
 
     def _redeem(self, given: str) -> bool:
-        """Use up a ticket."""
         known = [ticket for ticket in self.tickets if hmac.compare_digest(ticket.encode(), given.encode())]
         self.tickets.difference_update(known)
         return bool(known)

@@ -233,7 +233,6 @@ def _tables(value: object) -> dict[str, dict[str, Any]]:
 
 
 def _sources(one: object, kinds: Collection[str]) -> list[str]:
-    """Formats for which a table of rovid.toml names a source."""
     return [kind for kind in kinds if isinstance(one, dict) and isinstance(one.get(kind), str)]
 
 

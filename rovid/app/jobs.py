@@ -104,7 +104,6 @@ class Job:
                 self.process.terminate()
 
     def _follow(self) -> None:
-        """Read the process' output until it ends."""
         process = self.process
         if process.stdin is None or process.stdout is None or process.stderr is None:
             raise RuntimeError("no pipes")

@@ -193,8 +193,6 @@ class _Handlers:
 
 
 def _json_handler(act: Callable[[object], Any]) -> Callable[[Request], Any]:
-    """Request handler that calls ``act`` with the JSON document of the request."""
-
     async def answer(request: Request) -> Response:
         body = b""
         async for part in request.stream():

@@ -113,7 +113,6 @@ def _is_parameter_file(path: Path) -> bool:
 
 
 def _compare_planar(given: list[Path], shared: SharedOptions, matters: float) -> None:
-    """Compare two campaigns by the coupled model."""
     if not given:
         raise ConfigError("no campaign was given.", mend="Give one or two folders of logs or parameter files.")
     from rovid.compare.comparison import compare_planar, planar_campaigns

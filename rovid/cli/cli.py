@@ -72,7 +72,6 @@ def main() -> None:
 
 @functools.cache
 def _command() -> Callable[..., object]:
-    """The command line with all options, built once a process."""
     return get_command(app)
 
 

@@ -298,7 +298,6 @@ def _plan_planar(
     limits: RunLimits,
     narrow: str,
 ) -> None:
-    """Design the next run of surge, sway and yaw together."""
     from rovid.core.output_files import PLAN, OutputFile
     from rovid.estimate.experiment_design import command_csv
     from rovid.present.documents.results import planar_plan_document

@@ -323,7 +323,6 @@ def recording_outputs(target: Path, trials: Sequence[Trial]) -> list[OutputFile]
 
 
 def _recording_names(trials: Sequence[Trial]) -> list[Path]:
-    """A file name for each trial, with the log's suffix where trials differ by that only."""
     names = []
     for trial in trials:
         path = Path(trial.name)
@@ -373,6 +372,5 @@ def simulation_topics(simulation: TrialSimulation, residual: ResidualTorque, veh
 
 
 def _topic(name: str, time: FloatArray, signals: dict[str, FloatArray], unit: str) -> OutputTopic:
-    """A topic with the signals that have any finite value."""
     known = {name_with_unit(signal, unit): values for signal, values in signals.items() if np.isfinite(values).any()}
     return OutputTopic(name=f"/{name}", time=time, fields=known, units=dict.fromkeys(known, unit))

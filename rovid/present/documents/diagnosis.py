@@ -132,7 +132,6 @@ def _assessment(side: result.ModelAssessment | None, axis: Axis) -> fits.Documen
 
 
 def _without_forms(parameters: fits.Document) -> fits.Document:
-    """The parameters, named by effects without their forms."""
     return {without_form(name): value for name, value in parameters.items()}
 
 
@@ -237,7 +236,6 @@ def _compared_parameters(comparison: Comparison, guess: Assumptions) -> fits.Doc
 
 
 def _sides(values: Sequence[tuple[float, float]], unit: str) -> fits.Document:
-    """A value and its standard error in both campaigns."""
     return {side: fits.value_document(value, unit, error) for side, (value, error) in zip("ab", values, strict=True)}
 
 

@@ -215,7 +215,6 @@ def _inertia(fit: InertiaFit) -> Document:
 
 
 def _method_document(fit: InertiaFit, name: str) -> Document:
-    """The inertia by one method."""
     reading = fit.methods[name]
     document = value_document(reading.value, fit.estimate.unit("inertia"), reading.standard_error) | {
         "description": METHODS[name],

@@ -197,7 +197,6 @@ def _residuals(report: ReportData) -> Iterator[FigureDraft]:
 
 
 def _rivals(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
-    """Key of each effect that has alternatives, and the plot of their gains."""
     for finding in report.diagnosis.findings if report.diagnosis else ():
         if not finding.alternatives:
             continue
@@ -235,7 +234,6 @@ def _diagnosed_runs(report: ReportData) -> PreparedRuns | None:
 
 
 def _compared(report: ReportData) -> Iterator[FigureDraft]:
-    """The plot of the first screen, as a file."""
     if not report.nested or report.extended is None:
         return
     before, after = _worst_pair(report)
@@ -281,5 +279,4 @@ def _closed_loop(report: ReportData) -> Iterator[FigureDraft]:
 
 
 def _file_name(name: str) -> str:
-    """``name`` with underscores in place of all characters that a file name may not contain."""
     return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[-60:]

@@ -58,7 +58,6 @@ def write_comparison(
 
 
 def _pictures(comparison: Comparison) -> Iterator[tuple[Markup, str]]:
-    """Each picture with its caption."""
     changes, axis = comparison.changes, comparison.a.axis
     ratios = plot_ratios(changes, {name: parameter_title(sentences.document_key(name)) for name in changes.pair.names})
     if ratios is not None:
@@ -127,7 +126,6 @@ def render_page(report: ReportData, figures: ReportFigures, *, today: date) -> s
 
 
 def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[str, Any]:
-    """Variables of the page's templates."""
     # Without an inertia there is no model of the parameters, and the simulations are those of the diagnosis.
     axis, simulations = report.axis, report.simulations_with
     all_trials = report.campaign.trials if report.campaign else ()

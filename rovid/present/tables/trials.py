@@ -78,7 +78,6 @@ def simulation_table(simulations: Sequence[TrialSimulation]) -> ResultTable:
 
 
 def _fit_cells(fit: FitMeasures) -> tuple[str, str, str, str]:
-    """R², RMSE, fit and number of samples."""
     percent = format_number(fit.fit_percent, ".1f")
     return format_number(fit.r2, ".4f"), format_number(fit.rmse, 2), percent, str(fit.samples)
 

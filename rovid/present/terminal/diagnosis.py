@@ -152,7 +152,6 @@ def show_finding(console: Console, finding: result.Finding) -> None:
 def _show_improvement(
     console: Console, diagnosis: result.Diagnosis, base: result.ModelAssessment, extended: result.ModelAssessment
 ) -> None:
-    """Print the errors on held-out trials without and with the causes."""
     axis, one, other = base.estimate.axis, base.held_out, extended.held_out
     errors = {}
     # Of several horizons the longest remains.
