@@ -132,10 +132,8 @@ def export(
     from rovid.present.terminal.results import show_export
 
     exporter, target = select_exporter(format, output, planar=planar)
-    if planar:
-        stored = context.existing_parameters(shared, planar=True)
-    else:
-        stored = context.yaw_parameters(shared)
+    stored = context.existing_parameters(shared, planar=True) if planar else context.yaw_parameters(shared)
+    if not planar:
         stored.model()
     outputs = context.reserve_outputs([target], stored.logs, stored.path, force=shared.force)
     logs, coupled = None, None
@@ -192,8 +190,7 @@ def plan(
 
     if context.is_planar(shared, between=between):
         if matrix or design:
-            where = "--matrix" if matrix else "--design"
-            text = "is for one axis; it does not exist for --axes planar."
+            where, text = "--matrix" if matrix else "--design", "is for one axis; it does not exist for --axes planar."
             raise ConfigError(text, where=where, mend="Leave it out.")
         _plan_planar(logs, shared, output, effect or (), limits(angular=True), narrow or "")
         return

@@ -146,22 +146,16 @@ class ManualGroup(TyperGroup):
 
 
 def _wrap(text: str, width: int) -> str:
-    return "\n".join(_wrap_line(line, width) for line in text.splitlines())
-
-
-def _wrap_line(line: str, width: int) -> str:
-    """Wrap a long line below its first word; a wrapped command continues after a backslash."""
-    if len(line) <= width:
-        return line
-    marker = re.match(r"\s*(?:[#\d]\s+)?", line)
-    indent = " " * (marker.end() if marker else 0)
-    end = ""
-    if line.startswith("  rovid ") and "," not in line:
-        indent, end = indent + "  ", " \\"
-    lines = textwrap.wrap(
-        line, width - len(end), subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
-    )
-    return f"{end}\n".join(lines)
+    """Wrap each long line below its first word; a wrapped command continues after a backslash."""
+    wrapped = []
+    for line in text.splitlines():
+        marker, end = re.match(r"\s*(?:[#\d]\s+)?", line), ""
+        indent = " " * (marker.end() if marker else 0)
+        if len(line) > width and line.startswith("  rovid ") and "," not in line:
+            indent, end = indent + "  ", " \\"
+        wrap = textwrap.TextWrapper(width - len(end), "", indent, break_long_words=False, break_on_hyphens=False)
+        wrapped.append(f"{end}\n".join(wrap.wrap(line)) if len(line) > width else line)
+    return "\n".join(wrapped)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -161,9 +161,7 @@ def store_estimate(
         given = " ".join(filter(None, (provenance.options, *options)))
         return fresh.with_estimate(estimate, replace(provenance, options=given))
 
-    limits = None
-    if with_history and estimate.method in JOINT_METHODS:
-        limits = detectable_sizes or {}
+    limits = (detectable_sizes or {}) if with_history and estimate.method in JOINT_METHODS else None
     return update_parameters(stored, outputs, change, detection_limits=limits)
 
 

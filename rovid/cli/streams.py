@@ -23,18 +23,7 @@ from rovid.core.errors import display_text
 
 # Characters without a decomposition into ASCII -> their spelling in ASCII.
 _SPELLINGS = {"±": "+-", "–": "-", "—": "-", "−": "-", "·": "*", "×": "x", "√": "sqrt ", "∮": "integral ", "≥": ">="}
-_SPELLINGS |= {
-    "≤": "<=",
-    "≈": "~",
-    "─": "-",
-    "→": "->",
-    "∞": "inf",
-    "°": " deg",
-    "„": '"',
-    "“": '"',
-    "”": '"',
-    "’": "'",
-}
+_SPELLINGS |= {"≤": "<=", "≈": "~", "─": "-", "→": "->", "∞": "inf", "°": " deg", "’": "'", **dict.fromkeys("„“”", '"')}
 # Parts of the message of an import, of the system and of a thread for which there is no memory.
 _NO_MEMORY = ("failed to map segment", os.strerror(errno.ENOMEM), "can't start new thread")
 # Errors of the output's device: no space, quota, fault of the device, closed stream.
@@ -58,17 +47,14 @@ def _spelling(error: UnicodeError) -> tuple[str, int]:
     """Spelling of characters that the encoding lacks: 2 for ², tau for τ, else an escape."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return "".join(map(_spelled, error.object[error.start : error.end])), error.end
-
-
-def _spelled(character: str) -> str:
-    if character in _SPELLINGS:
-        return _SPELLINGS[character]
-    plain = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
-    name = unicodedata.name(character, "")
-    if not plain and name.startswith("GREEK"):
-        plain = name.rpartition(" ")[2].lower()
-    return plain or character.encode("ascii", "backslashreplace").decode()
+    spelled = []
+    for character in error.object[error.start : error.end]:
+        plain, name = unicodedata.normalize("NFKD", character), unicodedata.name(character, "")
+        plain = _SPELLINGS.get(character) or plain.encode("ascii", "ignore").decode()
+        if not plain and name.startswith("GREEK"):
+            plain = name.rpartition(" ")[2].lower()
+        spelled.append(plain or character.encode("ascii", "backslashreplace").decode())
+    return "".join(spelled), error.end
 
 
 def machine_error(error: Exception) -> str:
@@ -82,25 +68,20 @@ def machine_error(error: Exception) -> str:
         return f"{display_text(error.filename)}: there is no such file or folder, because the name is too long."
     if error.errno in _OUTPUT_ERRORS and error.filename is None:
         return f"the output cannot be written: {error.strerror}. Free some space, or write it elsewhere."
-    if isinstance(error, FileNotFoundError) and not _has_working_folder():
+    has_working_folder = False
+    with contextlib.suppress(FileNotFoundError):
+        has_working_folder = Path.cwd().exists()
+    if isinstance(error, FileNotFoundError) and not has_working_folder:
         return "the working folder does not exist any more. Change to another folder."
     return ""
-
-
-def _has_working_folder() -> bool:
-    try:
-        return Path.cwd().exists()
-    except FileNotFoundError:
-        return False
 
 
 if TYPE_CHECKING:
     from rich.text import Text
 
-# Time in s between two lines where standard error is no terminal.
-_INTERVAL = 10.0
-# Time in s until the first line of a step that is known to take long, and of reading, which is short otherwise.
-SOON = 2.0
+# s: between two lines where standard error is no terminal, and until the first line of a step that is known to take
+# long, and of reading, which is short otherwise.
+_INTERVAL, SOON = 10.0, 2.0
 
 
 @dataclass(eq=False)
