@@ -35,7 +35,7 @@ def gathered(stored: Parameters, study: Study, monkeypatch: pytest.MonkeyPatch) 
         return folder
 
     monkeypatch.setattr(build, "write_report", keep)
-    build.build_report(stored, study, Path("report"), diagnosed=False)
+    build.build_report(stored, study, Path("report"), diagnosed=False, controlled=False, exported=False)
     return found[0]
 
 
