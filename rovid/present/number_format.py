@@ -43,10 +43,10 @@ _UNITS = {
 }
 
 
-def format_number(value: float | None, form: str | int = 3) -> str:
-    """``value`` in a format, or to a number of significant digits; a dash where no finite value is known."""
+def format_number(value: float | None, form: str | int = 3, unknown: str = DASH) -> str:
+    """``value`` in a format, or to a number of significant digits; ``unknown`` where no finite value is known."""
     if value is None or not math.isfinite(value):
-        return DASH
+        return unknown
     return significant(value, form) if isinstance(form, int) else format(value, form)
 
 

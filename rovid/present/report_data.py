@@ -25,7 +25,7 @@ from rovid.store.study import Study
 from rovid.trial.axis import Axis
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import PreparedRuns
-from rovid.trial.trial import Campaign
+from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
 # Causes, and rivals of each, between which the expected evidence is computed: one fit for each.
@@ -74,6 +74,11 @@ class ReportData:
     def axis(self) -> Axis:
         """The axis of the report."""
         return self.vehicle.axis
+
+    @property
+    def trials(self) -> tuple[Trial, ...]:
+        """All trials; none where tables replace logs."""
+        return self.campaign.trials if self.campaign else ()
 
     @property
     def simulations_without(self) -> tuple[TrialSimulation, ...]:

@@ -107,7 +107,7 @@ def _identified(
         # A joint fit with the effects of before. Raises ConfigError if an effect does not suit.
         gyro, effects = any("--gyro" in entry.options for entry in before.entries.values()), before.effect_forms()
         fit, _ = _or_refusal(lambda: study.likelihood(effects, gyro=gyro))
-        joint = fit and fit.estimate
+        joint = None if fit is None else fit.estimate
     if joint is not None:
         limits = diagnosis.detectable_sizes if diagnosis else {}
 

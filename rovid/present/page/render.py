@@ -128,7 +128,6 @@ def render_page(report: ReportData, figures: ReportFigures, *, today: date) -> s
 def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[str, Any]:
     # Without an inertia there is no model of the parameters, and the simulations are those of the diagnosis.
     axis, simulations = report.axis, report.simulations_with
-    all_trials = report.campaign.trials if report.campaign else ()
     missing = list(_missing_parameters(report))
     residual_sizes = None
     if report.runs is not None and report.simulations:
@@ -146,8 +145,8 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "arm": arm_words(axis)[0],
         "restoring": restoring_effect(axis),
         "stored": report.parameters,
-        "trials": all_trials,
-        "remarked": sum(bool(trial.remarks) for trial in all_trials),
+        "trials": report.trials,
+        "remarked": sum(bool(trial.remarks) for trial in report.trials),
         "answer": summarize(report),
         "added": added,
         "correlations": fits.correlation_table(report.parameters),
@@ -186,7 +185,7 @@ def _sections(report: ReportData, figures: ReportFigures) -> tuple[list[tuple[st
     diagnosed = found is not None and (found.base is not None or found.from_tables is not None)
     shown = [
         ("faults", "Faults of the logs", bool(report.faults)),
-        ("trials", "Trials", bool(report.campaign and report.campaign.trials)),
+        ("trials", "Trials", bool(report.trials)),
         ("model", "The model", True),
         ("diagnosis", "Causes", diagnosed),
         ("misses", "What is left over", bool(figures["left_over"] or figures["residuals"])),

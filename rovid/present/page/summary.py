@@ -121,7 +121,7 @@ def summarize(report: ReportData) -> PageSummary:
         models = f"{sentences.PLAIN_MODEL} {sentences.EXTENDED_MODEL}" if report.extended else sentences.PLAIN_MODEL
         plan = sentences.plan_command(report.parameters.path, report.axis)
         step = sentences.next_step(diagnosis, next_experiment(diagnosis), report.vehicle.assumptions, plan)
-        warned = list(sentences.cautions(diagnosis, report.campaign.trials if report.campaign else (), report.vehicle))
+        warned = list(sentences.cautions(diagnosis, report.trials, report.vehicle))
     return PageSummary(
         headline=headline,
         error=_error_sentence(report, errors),
@@ -180,7 +180,7 @@ def _error_sentence(report: ReportData, errors: Sequence[ErrorBars]) -> str:
 
 
 def _reasons(diagnosis: Diagnosis, report: ReportData) -> Iterator[Reason]:
-    axis, trials = report.axis, report.campaign.trials if report.campaign else ()
+    axis, trials = report.axis, report.trials
     for finding in diagnosis.causes:
         of_sensor = "; or the sensor lags" if delays_of_the_sensor(trials, (finding,)) else ""
         names = [sentences.effect_title(effect, axis) for effect in (finding.effect, *finding.indistinguishable)]

@@ -129,7 +129,7 @@ def separations_table(pairs: Sequence[PairSeparation], axis: Axis) -> ResultTabl
     caption = f"Each cause as the true one, its rival fitted in its place; {DECISIVE_LLR:.0f} decides"
     table = ResultTable(caption, text_column("cause"), text_column("rival"), *columns)
     for pair in pairs:
-        minutes = format_number(pair.seconds / 60.0, ".1f") if math.isfinite(pair.seconds) else "never"
+        minutes = format_number(pair.seconds / 60.0, ".1f", "never")
         names = (effect_title(effect_named(name), axis) for name in (pair.first, pair.second))
         table.add_row(*names, format_number(pair.gain), minutes)
     return table

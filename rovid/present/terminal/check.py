@@ -1,6 +1,5 @@
 """The result of `rovid check` on a terminal: the verdict, what to do first, and what each log holds."""
 
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -123,7 +122,7 @@ def _show_sensors(console: Console, checked: PlanarCheck) -> None:
     table = ResultTable("Sensors", text_column("sensor"), *columns)
     for one in checked.sensors:
         unit, factor = _unit(one.name)
-        noise = "unknown" if math.isnan(one.noise) else format_number(factor * one.noise, 2)
+        noise = format_number(factor * one.noise, 2, "unknown")
         gap = format_number(one.longest_gap, 2) if one.gaps else "none"
         cells = format_number(one.rate), str(one.readings), noise, unit, str(one.gaps), gap
         table.add_row(one.name.replace("_", " "), *cells)
@@ -132,7 +131,7 @@ def _show_sensors(console: Console, checked: PlanarCheck) -> None:
     table = ResultTable("Motions", text_column("axis"), *motion, text_column("unit"), text_column("driven by"))
     for driven in checked.axes:
         axis = AXES[driven.axis]
-        speed = format_number(driven.velocity, 2) if math.isfinite(driven.velocity) else "not measured"
+        speed = format_number(driven.velocity, 2, "not measured")
         force = format_number(driven.force, 2) if driven.force else "none"
         actuators = ", ".join(driven.actuators) or "nothing"
         table.add_row(driven.axis, force, speed, f"{axis.force_unit}, {axis.rate_unit}", actuators)

@@ -207,8 +207,9 @@ def show_matrix(console: Console, matrix: IsolabilityMatrix) -> None:
     columns = map(mixed_number_column, ("minutes", "log-likelihood", *map("+ {}".format, sensors)))
     table = ResultTable("Hardest pairs: minutes until they are told apart", text_column("causes"), *columns)
     for pair in matrix.pairs[: max(_RUNS_SHOWN, len(still_open))]:
-        times = [_minutes(pair.with_sensor[name]) for name in sensors]
-        table.add_row(f"{pair.first} or {pair.second}", _minutes(pair.seconds), format_number(pair.gain), *times)
+        times = [pair.seconds, *map(pair.with_sensor.__getitem__, sensors)]
+        minutes, *with_sensor = (format_number(time / 60.0, ".1f", "never") for time in times)
+        table.add_row(f"{pair.first} or {pair.second}", minutes, format_number(pair.gain), *with_sensor)
     console.print()
     console.print(table)
     for name, causes in matrix.sensor_causes.items():
@@ -228,14 +229,11 @@ def show_matrix(console: Console, matrix: IsolabilityMatrix) -> None:
     print_text(console, f"{text}.")
 
 
-def _minutes(seconds: float) -> str:
-    return format_number(seconds / 60.0, ".1f") if math.isfinite(seconds) else "never"
-
-
 def _pair_words(pairs: Sequence[PairSeparation]) -> str:
     words = [f"{pair.first} or {pair.second}" for pair in pairs[:_RUNS_SHOWN]]
-    more = [f"{len(pairs) - _RUNS_SHOWN} more"] if len(pairs) > _RUNS_SHOWN else []
-    return "; ".join(words + more)
+    if len(pairs) > _RUNS_SHOWN:
+        words.append(f"{len(pairs) - _RUNS_SHOWN} more")
+    return "; ".join(words)
 
 
 def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
@@ -365,7 +363,7 @@ def show_planar_plan(
     columns = map(mixed_number_column, ("by the logs", "with the best run"))
     table = ResultTable("Standard errors, as predicted", text_column("parameter"), *columns, text_column("unit"))
     for name, pair in plan.errors.items():
-        cells = [format_number(one, 2) if math.isfinite(one) else "not determined" for one in pair]
+        cells = [format_number(one, 2, "not determined") for one in pair]
         table.add_row(name, *cells, unit_symbol(estimate.unit(name)))
     console.print(table)
     for reason in dict.fromkeys(plan.left_out.values()):

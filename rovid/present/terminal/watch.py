@@ -210,7 +210,7 @@ def watch_documents(event: watch_session.Event) -> list[Document]:
         return [_line("model", _model_document(event))]
     if isinstance(event, watch_session.LogsDiagnosed):
         whole, extended = diagnosis_document(event.diagnosis, event.study), event.diagnosis.extended
-        document = {"logs": _trial_names(event)}
+        document: Document = {"logs": _trial_names(event)}
         document |= {key: whole[key] for key in ("verdict", "findings", "suspects", "next_experiment")}
         document["parameters"] = {} if extended is None else parameters_with_previous(extended.estimate, None)
         return [_line("suspects", document | {"until": _criteria(event.criteria)})]
