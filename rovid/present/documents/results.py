@@ -72,6 +72,9 @@ def plan_document(
     plan: ExperimentPlan, vehicle: Vehicle, command_file: str, picture: str, warnings: Sequence[str]
 ) -> fits.Document:
     """The document of `rovid plan --json`."""
+    runs = [
+        fits.fields(one.run, "seconds", run="name") | fits.fields(one, "gain", "gain_per_minute") for one in plan.runs
+    ]
     between, gain = None, "logarithm of the ratio of variances"
     if len(plan.models) > 1:
         between = [model.name for model in plan.models]
@@ -82,10 +85,7 @@ def plan_document(
         "between": between,
         "narrow": plan.parameter or None,
         "decides": plan.is_decisive,
-        "runs": [
-            fits.fields(best.run, "seconds", run="name") | fits.fields(best, "gain", "gain_per_minute")
-            for best in plan.runs
-        ],
+        "runs": runs,
         "gain": gain,
         "command_file": command_file,
         "picture": picture,
@@ -187,25 +187,22 @@ def _percentages(percent: Mapping[str, float]) -> fits.Document:
 
 def survey_document(survey: LogSurvey, written: Sequence[Path]) -> fits.Document:
     """The document of `rovid init --json`."""
-    signals, commands, rudders, unused = {}, {}, {}, {}
+    signals, commands, rudders, unused = fits.Document(), fits.Document(), fits.Document(), fits.Document()
     for kind, mapping in survey.mappings.items():
-        signals[kind] = {
-            name: {"source": guess.source, "unit": guess.unit or None, "sign": guess.sign, "why": guess.reason}
-            for name, guess in mapping.signals.items()
-        }
-        commands[kind] = [
-            fits.fields(guess, "name", "source", "lowest", "highest", why="reason", rests_at="neutral")
-            | {"turns": guess.direction, "told": guess.direction_known, "arm": guess.arm or None}
-            | fits.fields(guess.observed, standard_errors="t_statistic", share="explained_share")
-            for guess in mapping.commands
-        ]
-        rudders[kind] = [
-            {"name": one.name, "source": one.angle.source, "unit": one.angle.unit, "why": one.angle.reason}
-            | {"size": "coefficient" if one.wheelbase is None else "wheelbase"}
-            | {"value": one.wheelbase if one.given is None else one.given, "given": one.given is not None}
-            for one in mapping.rudders
-        ]
-        unused[kind] = list(mapping.unused)
+        signals[kind], commands[kind], rudders[kind], unused[kind] = {}, [], [], list(mapping.unused)
+        for name, guess in mapping.signals.items():
+            unit = guess.unit or None
+            signals[kind][name] = {"source": guess.source, "unit": unit, "sign": guess.sign, "why": guess.reason}
+        for command in mapping.commands:
+            document = fits.fields(command, "name", "source", "lowest", "highest", why="reason", rests_at="neutral")
+            document |= {"turns": command.direction, "told": command.direction_known, "arm": command.arm or None}
+            observed = fits.fields(command.observed, standard_errors="t_statistic", share="explained_share")
+            commands[kind].append(document | observed)
+        for one in mapping.rudders:
+            document = {"name": one.name, **fits.fields(one.angle, "source", "unit", why="reason")}
+            document["size"] = "coefficient" if one.wheelbase is None else "wheelbase"
+            document["value"] = one.wheelbase if one.given is None else one.given
+            rudders[kind].append(document | {"given": one.given is not None})
     return {
         "schema": "rovid-init/1",
         "written": list(map(str, written)),
@@ -228,17 +225,16 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> fits.Document
 
 def check_document(checked: LogCheck, vehicle: Vehicle) -> fits.Document:
     """The document of `rovid check --json`; positions in rad or m."""
+    thrusters, names = [], {"way": "direction", "standard_errors": "t_statistic", "share": "explained_share"}
+    for one in checked.thrusters:
+        strength = fits.fields(one, value="strength", standard_error="error")
+        thrusters.append({"name": one.name, **fits.fields(one.observed, **names), "strength": strength})
     return shared_check_document(checked, vehicle) | {
         **fits.axis_document(vehicle.axis),
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
         "feedback": list(map(vars, checked.feedback)),
         "clocks": list(map(_clock_document, checked.clocks.offsets)),
-        "thrusters": [
-            {"name": one.name}
-            | fits.fields(one.observed, way="direction", standard_errors="t_statistic", share="explained_share")
-            | {"strength": fits.fields(one, value="strength", standard_error="error")}
-            for one in checked.thrusters
-        ],
+        "thrusters": thrusters,
     }
 
 
