@@ -123,31 +123,32 @@ def test_modules_import_each_other_in_no_circle() -> None:
         pytest.fail(f"imports in a circle: {' -> '.join(error.args[1])}")
 
 
-def asserts(function: ast.AST, helpers: set[str]) -> bool:
-    """Whether ``function`` asserts, expects an exception, or calls a helper that does."""
+def called(function: ast.AST) -> set[str]:
+    """Names that ``function`` calls, "fail" where it asserts."""
+    names = set()
     for node in ast.walk(function):
-        if isinstance(node, ast.Assert):
-            return True
         if isinstance(node, ast.Call):
             name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-            if name in {"raises", "warns", "fail"} or name in helpers or name.startswith("assert_"):
-                return True
-    return False
+            names.add("fail" if name.startswith("assert_") else name)
+        elif isinstance(node, ast.Assert):
+            names.add("fail")
+    return names
 
 
 def test_every_test_asserts() -> None:
     functions = [
-        (path, node)
+        (path, node, called(node))
         for path in sorted(TESTS.rglob("*.py"))
         for node in ast.walk(parsed(path))
         if isinstance(node, ast.FunctionDef)
     ]
-    helpers: set[str] = set()
-    while more := {node.name for _, node in functions if asserts(node, helpers)} - helpers:
+    # Functions that assert, expect an exception, or call one that does.
+    helpers = {"raises", "warns", "fail"}
+    while more := {node.name for _, node, names in functions if not names.isdisjoint(helpers)} - helpers:
         helpers |= more
     without = [
         f"{path.relative_to(TESTS)}:{node.lineno} {node.name}"
-        for path, node in functions
+        for path, node, _ in functions
         if node.name.startswith("test_") and node.name not in helpers
     ]
     assert not without
