@@ -106,7 +106,8 @@ def fleet_document(output: FleetOutput) -> dict[str, Any]:
 
 
 def _campaign_document(record: CampaignRecord) -> dict[str, Any]:
-    document = {"campaign": record.campaign, "vehicle": record.vehicle, "verdict": verdict(record)}
+    document: dict[str, Any] = {"campaign": record.campaign, "vehicle": record.vehicle}
+    document["verdict"] = verdict(record)
     document |= {"findings": causes(record, "findings"), "suspects": causes(record, "suspects")}
     document |= {"guessed": guessed(record), "took_seconds": record.took, "peak_memory_bytes": record.peak_memory}
     return document | {"error": record.error}
