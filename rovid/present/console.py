@@ -172,7 +172,10 @@ class ResultTable:
         """The columns with their cells, aligned where they are numbers."""
         columns = []
         for place, heading in enumerate(self._headings):
-            cells = ["".join(map(str, row.cells[place : place + 1])) for row in self._rows]
+            cells = []
+            for row in self._rows:
+                cell = row.cells[place] if place < len(row.cells) else ""
+                cells.append(cell.plain if isinstance(cell, Text) else cell)
             if heading.aligned:
                 cells = align_decimal_points(cells)
             columns.append(replace(heading, cells=tuple(cells)))
