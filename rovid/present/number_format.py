@@ -151,7 +151,8 @@ def _pad_decimals(texts: Sequence[str]) -> list[str]:
     padded = []
     for text in texts:
         present = _decimals(text)
-        padded.append(text + _POINT_SPACE * (most > present == 0) + _FIGURE_SPACE * (most - present))
+        point = _POINT_SPACE if most and not present else ""
+        padded.append(text + point + _FIGURE_SPACE * (most - present))
     return padded
 
 

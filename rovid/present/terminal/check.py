@@ -1,4 +1,4 @@
-"""The result of `rovid check` on a terminal: the verdict, what to do first, and what each log holds."""
+"""The logs before any fit on a terminal: what `rovid check` and `rovid init` find in them, and what to do first."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -40,10 +40,9 @@ def show_watch_event(console: Console, event: watch_session.Event, *, at: dateti
         console.print()
         label = "Logs:" if at is None else f"{at:%H:%M:%S}"
         printing.print_labelled(console, label, f"{'; '.join(_log_changes(event))}.", indent=2)
-        cut = [log for log in (*event.change.added, *event.change.replaced) if log.cut]
-        printing.show_warnings(
-            console, [f"{log.name}: the log was cut short and has not grown since. {log.cut}" for log in cut]
-        )
+        for log in filter(lambda log: log.cut, (*event.change.added, *event.change.replaced)):
+            text = f"{log.name}: the log was cut short and has not grown since. {log.cut}"
+            printing.show_warnings(console, [text])
     elif isinstance(event, watch_session.ModelFitted):
         _show_model(console, event)
     elif isinstance(event, watch_session.LogsDiagnosed):
