@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from rovid.compare.comparison import Comparison, CrossPrediction
-from rovid.compare.planar_comparison import PlanarCampaign, PlanarComparison
+from rovid.compare.comparison import Comparison, CrossPrediction, PlanarCampaign, PlanarComparison
 from rovid.diagnose import result
 from rovid.diagnose.log_rivals import coupled_causes
 from rovid.diagnose.signal_regressors import signal_name

@@ -16,12 +16,12 @@ from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.steady_points import SteadyPoint
 from rovid.model.parameter_names import effect_ids, unit_of
 from rovid.model.simulation import HORIZONS, FitMeasures
-from rovid.planar.coordinates import Undetermined
 from rovid.planar.fit import PlanarFit
 from rovid.planar.manoeuvres import Measures
 from rovid.planar.model import SNAME
 from rovid.planar.standard_manoeuvres import model_manoeuvres
 from rovid.planar.trial_simulation import SENSOR_UNITS
+from rovid.planar.uncertainty import Undetermined
 from rovid.store.parameter_file import OpenCombination
 from rovid.store.planar_study import PlanarStudy, open_combinations
 from rovid.store.study import Study

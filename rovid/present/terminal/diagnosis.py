@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
-from rovid.compare.comparison import Comparison
-from rovid.compare.planar_comparison import PlanarComparison
+from rovid.compare.comparison import Comparison, PlanarComparison
 from rovid.control.design import ControllerDesign
 from rovid.core.formatting import labelled_text, plus_minus, significant
 from rovid.diagnose import result
