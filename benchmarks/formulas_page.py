@@ -44,7 +44,9 @@ is the part of the reference that the best formula reaches with the causes next 
 part that the causes reach. The names are those of the remaining catalogue, so each is a stand-in. Seeds are separated \
 by /."""
 _OUTSIDE = """\
-`tools/beyond.py` simulates two vehicles with the cause, and was written without knowledge of the search. *Removed* is \
+`tools/beyond.py` simulates two vehicles with the cause, and was written without knowledge of the search. The products \
+of roots of two thrusts, the term of a cause's own signal and the test of waves against the thrust came later, after \
+seed 1 of interference, coanda and mast. *Removed* is \
 the share of the mean square error of the free-running rate on three further runs that the best formula removes, or \
 the causes if each of them is apt. The error is that against the rate without disturbance. *Error without* is its RMS \
 with the plain model, as a share of the RMS rate."""
