@@ -16,6 +16,7 @@ from rovid.app.access import MOST_CONNECTIONS
 from tests.app.conftest import DAY, logs_into
 from tests.app.served import Served, served
 from tests.app.test_jobs import group
+from tests.conftest import slow
 
 _MANY = 300  # connections
 
@@ -71,7 +72,7 @@ def is_over(number: int) -> bool:
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are counted by /proc")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGTERM", slow("SIGINT"), slow("SIGHUP")])
 def test_a_signal_ends_the_report_and_removes_temporary_files(running: tuple[Path, Path], name: str) -> None:
     top, temporary = running
     with served(top, "day", temporary=temporary) as server:

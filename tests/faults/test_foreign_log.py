@@ -229,7 +229,7 @@ def test_two_payloads_are_named_and_nothing_is_set_aside(vehicle: str, factors: 
     assert fault.size == pytest.approx(1.3, abs=0.06)  # Quick, for a message.
 
 
-@pytest.mark.parametrize(("factor", "first"), [(1.3, 5), (1.8, 0)])
+@pytest.mark.parametrize(("factor", "first"), [(1.3, 5), slow(1.8, 0)])
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_two_payloads_are_found_in_five_logs_and_far_apart(vehicle: str, factor: float, first: int) -> None:
     """The larger group is the origin: the mean of two payloads far apart is a model of neither."""

@@ -13,12 +13,13 @@ from rovid.faults.no_response import DETECTORS
 from rovid.trial.fault import FaultOverrides
 from rovid.trial.preprocessing import prepare_trials
 from rovid.trial.vehicle import Rudder
+from tests.conftest import slow
 from tests.faults.days import VEHICLES, day
 from tests.faults.drives import drives, found, undamaged
 from tests.synthetic import LOGGED
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, slow(1), slow(2)])
 @pytest.mark.parametrize("name", ["hold_2.csv", "sine_1.csv", "random.csv"])
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_a_log_without_motion_is_named_and_set_aside(vehicle: str, name: str, seed: int) -> None:
@@ -73,7 +74,7 @@ def test_a_rudder_turns_nothing_where_the_vehicle_does_not_move_ahead() -> None:
     assert not examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=steered), FaultOverrides())[1]
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, 1, slow(2), slow(3), slow(4)])
 @pytest.mark.parametrize("disturbance", [0.002, 0.1])
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_logs_that_move_give_nothing(vehicle: str, disturbance: float, seed: int) -> None:

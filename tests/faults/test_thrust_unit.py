@@ -12,6 +12,7 @@ from rovid.faults.quick_model import fit_quick_model
 from rovid.faults.thrust_unit import DETECTORS, inertia_fault
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
+from tests.conftest import slow
 from tests.faults.days import VEHICLES, day, scaled
 from tests.synthetic import LOGGED, VOLTS
 
@@ -28,7 +29,7 @@ def faults(vehicle: str, factor: float, ratio: float, seed: int) -> tuple[Fault,
     return examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=known), FaultOverrides())[1]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, slow(1), slow(2)])
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @pytest.mark.parametrize(("factor", "unit"), [(9.80665, "kgf"), (4.44822, "lbf"), (1000.0, "kN")])
 def test_the_unit_is_named_and_stops(vehicle: str, factor: float, unit: str, seed: int) -> None:

@@ -181,8 +181,10 @@ def expectations() -> list[Any]:
         for command in case.commands:
             key = f"{case.name} {command}"
             marks = [pytest.mark.xfail(strict=True, reason="not met yet")] if key in NOT_YET else []
-            # A diagnosis of damage that nobody sees takes long.
-            marks += [pytest.mark.slow] if key in LONG or (key in NOT_YET and command == "diagnose") else []
+            # A diagnosis of damage that nobody sees takes long. A fit finds the damage that a check finds.
+            is_long = key in LONG or (key in NOT_YET and command == "diagnose")
+            is_long |= command == "fit" and "check" in case.commands
+            marks += [pytest.mark.slow] if is_long else []
             found.append(pytest.param(case.name, command, id=key.replace(" ", "-"), marks=marks))
     return found
 
