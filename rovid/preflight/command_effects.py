@@ -210,7 +210,9 @@ def _windowed(
     self_righting: bool = False,
     turn: Sequence[SignalGuess] = (),
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """For each log (n, 3 + k) rows of a constant, the rate before, its square and the mean commands, and (n,) rates.
+    """For each log (n, 4 + k) rows of a constant, the rate before, its squares and the mean commands, and (n,) rates.
+
+    The squares are those of a drag, with the sign of the rate, and of another drag to the other side.
 
     A ``self_righting`` axis has the position as a further column in front of the commands; with a ``turn`` these are
     the yaw rate, its product with the other velocity, and both as of a current, which turns with the heading. Logs too
@@ -220,7 +222,7 @@ def _windowed(
     for log, time, rate in _rates_in(logs, position, neutral, window):
         if len(rate) < 3:
             continue
-        columns = [np.ones(len(rate) - 1), rate[:-1], np.abs(rate[:-1]) * rate[:-1]]
+        columns = [np.ones(len(rate) - 1), rate[:-1], np.abs(rate[:-1]) * rate[:-1], rate[:-1] ** 2]
         if self_righting:
             columns.append(position_at(position, log[position.source], time[1:-1]))
         if turn and all(one.source in log for one in turn):
