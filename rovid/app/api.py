@@ -208,6 +208,7 @@ class Api:
         return {"path": self.root.name(file), "name": name, "kind": kind, "bytes": file.stat().st_size}
 
     def _survey(self, paths: Sequence[Path], form: form_state.FormState) -> tuple[LogSurvey, LogSurvey]:
+        """The survey by rovid's guesses alone, and the survey with the user's choices."""
         key = (form.time_unit, *map(_file_key, log_files(paths, [])))
         if key not in self._logs_read:
             # Only one folder is kept, because its logs may be large.

@@ -14,7 +14,7 @@ from rovid.core.errors import ConfigError, suggestion
 
 if TYPE_CHECKING:
     from rovid.cli.sessions import FitSession
-    from rovid.estimate.drives import ThrustScale
+    from rovid.estimate.thrust_curve import ThrustScale
     from rovid.store.parameter_file import Parameters
     from rovid.store.study import Study
 
@@ -80,7 +80,7 @@ def fit_thruster(
 ) -> None:
     """Fit a thrust curve to bench measurements."""
     from rovid.core.output_files import CURVE, OutputFile, OutputSet
-    from rovid.estimate.drives import THRUST_UNITS, bench_readings, fit_thrust_curve
+    from rovid.estimate.thrust_curve import THRUST_UNITS, bench_readings, fit_thrust_curve
     from rovid.present.documents.fits import bench_document
     from rovid.present.terminal.results import show_bench
     from rovid.trial.tables import CURVE_COLUMNS, curve_csv, read_table
@@ -109,7 +109,7 @@ def fit_thrust_scale(
     json: bool = False,
 ) -> None:
     """Estimate the common scale of all thrust from a pull, a lift or a step of inertia."""
-    from rovid.estimate.drives import scale_from_step
+    from rovid.estimate.thrust_curve import scale_from_step
     from rovid.present.documents.fits import thrust_scale_document
     from rovid.present.terminal.results import show_thrust_scale
 
@@ -152,7 +152,7 @@ def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
     """The scale by a table of pulls or lifts, and the scale that rovid.toml has already."""
     import numpy as np
 
-    from rovid.estimate.drives import scale_from_lifts, scale_from_pulls
+    from rovid.estimate.thrust_curve import scale_from_lifts, scale_from_pulls
     from rovid.trial.config import find_config, load_config_of_any_axis
     from rovid.trial.tables import PULL_COLUMNS, read_table
 

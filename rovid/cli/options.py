@@ -19,7 +19,7 @@ from rovid.core.input_files import read_toml
 from rovid.export import FORMATS
 from rovid.trial.axis import AXES, PLANAR, YAW, parameter_file_name
 
-# The same as `rovid.estimate.drives.THRUST_UNITS`, which a test checks.
+# The same as `rovid.estimate.thrust_curve.THRUST_UNITS`, which a test checks.
 THRUST_UNITS = ("N", "kN", "kgf", "gf", "lbf")
 # Values that are known without reading anything, by their name in options.toml; the functions below find the others.
 FIXED = {

@@ -115,6 +115,19 @@ _DEEP_KEY = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){{{_MAX_DEP
 _INTEGER_LIMIT = 1 << 63  # TOML guarantees 64 bits
 
 
+def read_bytes(path: Path, most: int, expected: str, error: type[RovidError], mend: str = "") -> bytes:
+    """The content of ``path``. Raises ``error`` if it is no file, cannot be read, or has more than ``most`` bytes."""
+    require_regular(path, error)
+    try:
+        with path.open("rb") as file:
+            content = file.read(most + 1)
+    except OSError as refused:
+        raise error(f"cannot be read ({refused.strerror}).", where=path) from refused
+    if len(content) > most:
+        raise error(f"is larger than {most / 1e6:g} MB; {expected} was expected.", where=path, mend=mend)
+    return content
+
+
 def read_toml(path: Path, mend: str = "") -> dict[str, Any]:
     """The document in ``path``, with integers of 64 bits at most.
 
@@ -122,14 +135,7 @@ def read_toml(path: Path, mend: str = "") -> dict[str, Any]:
 
     ``mend``: Advice for a file that is not TOML.
     """
-    require_regular(path)
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_SIZE + 1)
-    except OSError as error:
-        raise ConfigError(f"cannot be read ({error.strerror}).", where=path) from error
-    if len(content) > _MAX_SIZE:
-        raise ConfigError(f"is larger than {_MAX_SIZE / 1e6:g} MB; a short text was expected.", where=path, mend=mend)
+    content = read_bytes(path, _MAX_SIZE, "a short text", ConfigError, mend)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

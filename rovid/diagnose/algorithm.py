@@ -29,6 +29,7 @@ from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
 from rovid.core.spmd import forked_workers
 from rovid.diagnose.build_result import build_diagnosis
+from rovid.diagnose.challenge import challenge
 from rovid.diagnose.cross_validation import missing_data, split_runs
 from rovid.diagnose.formulas.search import doubt_stand_ins
 from rovid.diagnose.objectives import (
@@ -43,7 +44,7 @@ from rovid.diagnose.objectives import (
     preload,
 )
 from rovid.diagnose.result import Diagnosis
-from rovid.diagnose.selection import Selection, challenge
+from rovid.diagnose.selection import Selection
 from rovid.diagnose.stated_selection import state
 from rovid.diagnose.stepwise import SearchStop, StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS

@@ -18,6 +18,7 @@ import numpy as np
 from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
 from rovid.diagnose.candidate_fits import Alternative, Cause
+from rovid.diagnose.challenge import closest_challengers
 from rovid.diagnose.cross_validation import (
     held_out_log_likelihood,
     horizon_errors,
@@ -28,7 +29,7 @@ from rovid.diagnose.cross_validation import (
 from rovid.diagnose.evidence import recalibrated, size_in_errors
 from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment
 from rovid.diagnose.screening import ScoreTest, bic_penalty
-from rovid.diagnose.selection import Selection, closest_challengers
+from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stated_selection import StatedSelection, is_established, model_estimate
 from rovid.diagnose.thresholds import THRESHOLDS

@@ -36,8 +36,8 @@ FORMATS: Mapping[str, ExportFormat] = {
     "json": ExportFormat("rovid_equation", "rovid.json", "export_json", "export_planar_json"),
     "python-vehicle-simulator": ExportFormat("fossen", "rovid_vehicle.py", "export_module", "export_planar_module"),
     "mss": ExportFormat("fossen", "rovid_vehicle.m", "export_mss", "export_planar_mss"),
-    "ardupilot": ExportFormat("rovid_equation", "ardupilot.parm", "export_ardupilot", other={".py": "export_sitl"}),
-    "px4": ExportFormat("rovid_equation", "px4.txt", "export_px4"),
+    "ardupilot": ExportFormat("autopilots", "ardupilot.parm", "export_ardupilot", other={".py": "export_sitl"}),
+    "px4": ExportFormat("autopilots", "px4.txt", "export_px4"),
 }
 # Other names -> format.
 ALIASES: Mapping[str, str] = {

@@ -130,6 +130,7 @@ def _effect_title(fleet: results.Fleet, effect: str) -> str:
 
 
 def _campaign_table(fleet: results.Fleet) -> ResultTable:
+    """All campaigns by vehicle and date, then those without a diagnosis."""
     text = "All campaigns. Each name links to the full diagnosis."
     table = ResultTable(text, *map(text_column, ("campaign", "vehicle", "start, UTC", "verdict", "causes", "suspects")))
     for record in (*(record for records in fleet.vehicles.values() for record in records), *fleet.failed):
@@ -169,6 +170,7 @@ def _cause_table(fleet: results.Fleet) -> ResultTable | None:
 
 
 def _mean_table(fleet: results.Fleet, means: Sequence[results.ShrunkParameter]) -> ResultTable | None:
+    """Hierarchical means and scatters; None if there are none."""
     if not means:
         return None
     columns = map(mixed_number_column, ("mean", "between vehicles", "between a vehicle's campaigns"))
@@ -243,6 +245,7 @@ def history(fleet: results.Fleet, name: str, marked: Collection[str], mean: resu
 
 
 def _label_group(panel: Axes, first: int, vehicle: str, letters: int, median: float | None) -> None:
+    """Write the vehicle's name above its campaigns and separate them from the previous vehicle."""
     amount = "" if median is None else f" {significant(median, 3)}"
     words = _beginning(vehicle, max(letters - len(amount), 4)) + amount
     # x in data coordinates, y in axes coordinates.

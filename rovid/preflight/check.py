@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rovid.core.errors import DataError, LogError, RovidError
-from rovid.estimate.drives import find_inner_loop
+from rovid.estimate.inner_loop import find_inner_loop
 from rovid.estimate.steady_drag import DragFit
 from rovid.faults.base import examine_runs, named, resolve
 from rovid.preflight.advice import Advice, advise, feedback_text, joined_clocks

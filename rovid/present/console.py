@@ -251,6 +251,7 @@ class ResultTable:
 
 
 def _least_width(column: Column, heading: Text, cells: Sequence[Text]) -> int:
+    """The least width of a column in terminal cells."""
     heading_word = max(map(len, heading.plain.split()), default=0)
     longest = max(map(_length, cells), default=0)
     if column.numeric:

@@ -205,6 +205,7 @@ def _drivers(runs: Sequence[Run], axis: Axis) -> Iterator[tuple[str, FloatArray]
 
 
 def _run_drivers(run: Run, axis: Axis, channels: Sequence[str]) -> Iterator[tuple[str, FloatArray]]:
+    """Possible drivers with their values along one run."""
     unit, factor = axis.display_unit
     trial, rates, torque = run.trial, run.rates, run.filtered_torque
     position = resample(trial, trial.position, rates.time)
@@ -323,6 +324,7 @@ def recording_outputs(target: Path, trials: Sequence[Trial]) -> list[OutputFile]
 
 
 def _recording_names(trials: Sequence[Trial]) -> list[Path]:
+    """A file name for each trial, with the log's suffix where trials differ by that only."""
     names = []
     for trial in trials:
         path = Path(trial.name)
@@ -372,5 +374,6 @@ def simulation_topics(simulation: TrialSimulation, residual: ResidualTorque, veh
 
 
 def _topic(name: str, time: FloatArray, signals: dict[str, FloatArray], unit: str) -> OutputTopic:
+    """A topic with the signals that have any finite value."""
     known = {name_with_unit(signal, unit): values for signal, values in signals.items() if np.isfinite(values).any()}
     return OutputTopic(name=f"/{name}", time=time, fields=known, units=dict.fromkeys(known, unit))

@@ -18,10 +18,10 @@ from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
 from rovid.effects import Effect, forms_for
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.candidate_runs import RunLimits
-from rovid.estimate.drives import find_inner_loop
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, candidate_model, plan_experiment, require_thrusters
 from rovid.estimate.inertia import InertiaFit, fit_inertia, fit_inertia_table, rigid_body_warnings, with_joint_error
+from rovid.estimate.inner_loop import find_inner_loop
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.output_error import Regression
 from rovid.estimate.steady_drag import DragFit, fit_drag

@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, LogError, suggestion
-from rovid.core.input_files import LARGEST, list_files, require_exists, require_regular
+from rovid.core.input_files import LARGEST, list_files, read_bytes, require_exists, require_regular
 from rovid.trial.log_files import is_log
 from rovid.trial.vehicle import ThrustCurve
 
@@ -69,14 +69,7 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> CsvTable:
     A file whose first row is all numbers has no header: it takes the names in ``headerless``, if any. Raises `LogError`
     if the file cannot be read or holds no rows.
     """
-    require_regular(path, LogError)
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_SIZE + 1)
-    except OSError as error:
-        raise LogError(f"cannot be read ({error.strerror}).", where=path) from error
-    if len(content) > _MAX_SIZE:
-        raise LogError(f"is larger than {_MAX_SIZE / 1e6:g} MB; a table of results was expected.", where=path)
+    content = read_bytes(path, _MAX_SIZE, "a table of results", LogError)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:  # Vendors' sheets have a micro sign in cp1252.

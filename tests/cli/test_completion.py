@@ -14,7 +14,7 @@ import pytest
 from rovid.cli import options
 from rovid.cli.cli import MANUAL
 from rovid.effects import CATALOGUE
-from rovid.estimate.drives import THRUST_UNITS
+from rovid.estimate.thrust_curve import THRUST_UNITS
 from rovid.export import FORMATS
 from rovid.model.parameter_names import base_names
 from rovid.trial.axis import AXES, YAW

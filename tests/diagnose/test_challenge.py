@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from rovid.diagnose.candidate_fits import bic_score, value_at_score
+from rovid.diagnose.challenge import challenge, challenging_fits, closest_challengers
 from rovid.diagnose.cross_validation import cv_pieces
-from rovid.diagnose.selection import Selection, challenge, challenging_fits, closest_challengers
+from rovid.diagnose.selection import Selection
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, bias_torque, effect_named

@@ -12,9 +12,10 @@ import pytest
 from rovid.diagnose import cross_validation, validation
 from rovid.diagnose.algorithm import validate
 from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score
+from rovid.diagnose.challenge import resolve_ties
 from rovid.diagnose.cross_validation import HeldOutScores
 from rovid.diagnose.evidence import probability_not_a_stand_in
-from rovid.diagnose.selection import Selection, resolve_ties
+from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import signal_regressors
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS

@@ -11,7 +11,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.estimate.drives import find_inner_loop
+from rovid.estimate.inner_loop import find_inner_loop
 from rovid.preflight.check import check_logs
 from rovid.readers import read_campaign
 from rovid.store.study import Study, open_study

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.core.errors import DataError, LogError
-from rovid.estimate.drives import (
+from rovid.estimate.thrust_curve import (
     ThrustScale,
     bench_readings,
     fit_thrust_curve,

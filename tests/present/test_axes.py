@@ -19,7 +19,7 @@ from rovid.estimate.steady_points import SteadyPoint
 from rovid.model.parameter_names import base_names
 from rovid.present.page import build
 from rovid.present.page.render import write_report
-from rovid.present.page.summary import viewer_document
+from rovid.present.page.viewer_data import viewer_document
 from rovid.present.plots import models, trials
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import residual_torques, rms_sizes

@@ -131,6 +131,7 @@ def _assessment(side: result.ModelAssessment | None, axis: Axis) -> fits.Documen
 
 
 def _without_forms(parameters: fits.Document) -> fits.Document:
+    """The parameters, named by effects without their forms."""
     return {without_form(name): value for name, value in parameters.items()}
 
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from rovid.estimate.drives import ThrustCurveFit, ThrustScale
 from rovid.estimate.estimate import PER_INERTIA, Estimate
 from rovid.estimate.inertia import METHODS, InertiaFit
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.oscillation_tests import analyse_free_decay
 from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.steady_points import SteadyPoint
+from rovid.estimate.thrust_curve import ThrustCurveFit, ThrustScale
 from rovid.model.parameter_names import effect_ids, unit_of
 from rovid.model.simulation import HORIZONS, FitMeasures
 from rovid.planar.fit import PlanarFit

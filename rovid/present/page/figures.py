@@ -234,6 +234,7 @@ def _diagnosed_runs(report: ReportData) -> PreparedRuns | None:
 
 
 def _compared(report: ReportData) -> Iterator[FigureDraft]:
+    """The plot of the first screen, as a file."""
     if not report.nested or report.extended is None:
         return
     before, after = _worst_pair(report)

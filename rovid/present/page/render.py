@@ -21,7 +21,8 @@ from rovid.present import sentences
 from rovid.present.number_format import arm_words, parameter_title, steady_state_words, unit_symbol
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.page_files import claim_page, long_date, read_assets, template_environment, write_page
-from rovid.present.page.summary import size_words, summarize, viewer_document
+from rovid.present.page.summary import size_words, summarize
+from rovid.present.page.viewer_data import viewer_document
 from rovid.present.plots.canvas import WIDTH, journal_plots, render_inline_svg
 from rovid.present.plots.results import plot_drag, plot_ratios
 from rovid.present.plots.trials import plot_before_after

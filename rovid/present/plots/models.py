@@ -209,6 +209,7 @@ def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None, model: tuple
 
 
 def _plot_methods(panel: Axes, fit: InertiaFit, names: list[str]) -> None:
+    """Each method on the row of its place among all methods."""
     every = list(fit.methods)
     looks = {"peak": (ORANGE, "x"), fit.chosen: (BLUE, "o")}
     for name in names:

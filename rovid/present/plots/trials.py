@@ -109,6 +109,7 @@ def _plot_means(panel: Axes, means: residuals.BinMeans, **look: Any) -> None:
 
 
 def _plot_course(panel: Axes, items: Sequence[residuals.ResidualTorque], colours: Sequence[str]) -> None:
+    """Residual torque of all runs one after another, in alternating colours."""
     clock, samples = 0.0, sum(len(item.residual) for item in items)
     for item, colour in zip(items, cycle(colours), strict=False):
         time = clock + item.run.rates.time - item.run.rates.time[0]

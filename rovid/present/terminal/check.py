@@ -115,6 +115,7 @@ def _merged_problems(problems: Mapping[str, str]) -> list[str]:
 
 
 def _show_sensors(console: Console, checked: PlanarCheck) -> None:
+    """Print what the sensors of the coupled model are, and what drives each motion."""
     if not checked.sensors:
         return
     titles = ("Hz", "readings", "noise", "gaps", "longest gap s")
@@ -187,6 +188,7 @@ def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) ->
 
 
 def _guess_table(survey: LogSurvey) -> ResultTable:
+    """The columns that were recognised."""
     columns = map(text_column, ("signal", "taken from", "unit", "why"))
     table = ResultTable(f"Guessed from {log_count_text(survey)}", *columns)
     for mapping in survey.mappings.values():

@@ -9,7 +9,6 @@ from rich.console import Console
 
 from rovid.core.formatting import plus_minus, rounded
 from rovid.estimate.assumed_models import SIZE_SHARES
-from rovid.estimate.drives import ThrustCurveFit, ThrustScale
 from rovid.estimate.estimate import PER_INERTIA
 from rovid.estimate.experiment_design import DECISIVE_LLR, ExperimentPlan
 from rovid.estimate.inertia import InertiaFit
@@ -17,6 +16,7 @@ from rovid.estimate.isolability import IsolabilityMatrix, PairSeparation
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.oscillation_tests import FreeDecay, Quantity, analyse_free_decay
 from rovid.estimate.steady_drag import DragFit
+from rovid.estimate.thrust_curve import ThrustCurveFit, ThrustScale
 from rovid.export.verification import Mismatch, VerifiedExport
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.estimate.drives import fit_thrust_curve
 from rovid.estimate.estimate import Estimate
+from rovid.estimate.thrust_curve import fit_thrust_curve
 from rovid.present.documents.fits import (
     axis_document,
     bench_document,

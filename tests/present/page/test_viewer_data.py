@@ -19,15 +19,8 @@ from rovid.core.array_types import FloatArray
 from rovid.model.simulation import TrialSimulation
 from rovid.present.page.figures import ReportFigures
 from rovid.present.page.render import render_page
-from rovid.present.page.summary import (
-    COARSEST,
-    VALUES,
-    decimate_table,
-    fair_shares,
-    summarize,
-    trial_levels,
-    viewer_document,
-)
+from rovid.present.page.summary import summarize
+from rovid.present.page.viewer_data import COARSEST, VALUES, decimate_table, fair_shares, trial_levels, viewer_document
 from rovid.present.report_data import NestedSimulation, ReportData
 from tests.present.conftest import make_evidence, staged
 from tests.present.page.test_render import Parts
