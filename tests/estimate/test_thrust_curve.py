@@ -129,6 +129,13 @@ def pull(draw: np.random.Generator) -> ThrustScale:
     return scale_from_pulls(curve, balance * (TRUE * curve + draw.normal(0.0, 4.0, 5)), REFERENCE)
 
 
+def three_pulls(draw: np.random.Generator) -> ThrustScale:
+    """Three levels, each within 1 %, and a balance that is off by 1 %."""
+    curve = np.array([80.0, 100.0, 120.0])
+    measured = TRUE * curve * (1.0 + 0.01 * draw.standard_normal(3)) * (1.0 + REFERENCE * draw.standard_normal())
+    return scale_from_pulls(curve, measured, REFERENCE)
+
+
 def proportional_pull(draw: np.random.Generator) -> ThrustScale:
     """Three to twelve levels, whose scatter is 4 % of each force."""
     curve = draw.uniform(50.0, 500.0, int(draw.integers(3, 13)))
@@ -152,12 +159,14 @@ def step(draw: np.random.Generator) -> ThrustScale:
     return scale_from_step((before, 8.0), (after, 8.0), 400.0, REFERENCE)
 
 
-@pytest.mark.parametrize("made", [pull, proportional_pull, lift, step])
+@pytest.mark.parametrize("made", [pull, three_pulls, proportional_pull, lift, step])
 def test_intervals_hold_and_the_scale_is_unbiased(made: Made) -> None:
     draw = np.random.default_rng(57)
     scales = [made(draw) for _ in range(1000)]
     held = np.mean([low < TRUE < high for low, high in (scale.interval() for scale in scales)])
     assert 0.93 <= held <= 0.97  # the promise; 1000 draws give 0.95 within 0.007
+    edges = [scale.value * np.exp(1.96 * scale.error_for_fits / scale.value) for scale in scales]
+    assert edges == pytest.approx([scale.interval()[1] for scale in scales], rel=1e-4)
     values = np.array([scale.value for scale in scales])
     errors = np.array([scale.standard_error for scale in scales])
     assert abs(values.mean() - TRUE) < 4.0 * values.std() / np.sqrt(len(values)) + 0.001 * TRUE  # of second order

@@ -267,7 +267,10 @@ def planar_diagnosis_document(diagnosis: PlanarDiagnosis, study: PlanarStudy) ->
         "held_out_gain": _planar_held_out_gain(diagnosis),
         "unexplained": {"share_of_variance": dict(diagnosis.unexplained_shares), "depends_on": []},
         "undetermined": [] if final is None else fits.undetermined_document(open_combinations(final.fit)),
-        "not_identifiable": ["thrust_scale", *(() if final is None else final.fit.estimate.refused)],
+        "not_identifiable": [
+            *["thrust_scale"] * (not study.vehicle.thrust_scale_error),
+            *(() if final is None else final.fit.estimate.refused),
+        ],
         "next_experiment": next_planar_experiment(diagnosis) | {"needed": not diagnosis.is_settled},
         **fits.guess_document(guess),
         **fits.notes_document(guess, study.logs.faults, [*study.remarks(), *diagnosis.warnings]),

@@ -125,7 +125,6 @@ def fit_document(fit: DragFit | InertiaFit | LikelihoodFit, study: Study) -> Doc
     ratios = estimate.ratios if estimate.assumptions.ratios_hold else ()
     document = shared_fit_document(estimate, study) | {
         "log_likelihood": None,
-        "not_identifiable": [*["thrust_scale"] * (not study.vehicle.thrust_scale_error), *estimate.refused],
         **axis_document(estimate.axis),
         "filter": _filter_document(study.runs),
         "ratios": {ratio.name: value_document(ratio.value, ratio.unit, ratio.standard_error) for ratio in ratios},
@@ -143,6 +142,7 @@ def shared_fit_document(estimate: Estimate, logs: Study) -> Document:
         "effects": effect_ids(estimate.names),
         "samples": estimate.samples,
         "method": estimate.method,
+        "not_identifiable": [*["thrust_scale"] * (not logs.vehicle.thrust_scale_error), *estimate.refused],
         **guess_document(estimate.assumptions),
         **notes_document(estimate.assumptions, logs.faults, [*logs.remarks(), *estimate.warnings]),
     }
@@ -274,6 +274,7 @@ def thrust_scale_document(scale: ThrustScale, given: float) -> Document:
     return {
         "schema": "rovid-thrust-scale/1",
         "thrust_scale": value | {"interval_95": [given * edge for edge in scale.interval()]},
+        "thrust_scale_error": given * scale.error_for_fits,
         "scatter": scale.scatter,
         "reference_error": scale.reference_error,
         "readings": scale.readings,
@@ -335,7 +336,6 @@ def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
         "undetermined": undetermined_document(open_combinations(fit)),
         **prior_document(fit),
         "log_likelihood": fit.log_likelihood,
-        "not_identifiable": ["thrust_scale", *estimate.refused],
         "noise": {sensor: value_document(size, SENSOR_UNITS[sensor]) for sensor, size in fit.noise.items()},
         "disturbance": disturbance,
         "latency": {sensor: value_document(late, "s", error) for sensor, (late, error) in fit.latency.items()},

@@ -226,7 +226,7 @@ def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]
         "gain": found and planar_held_out_table(found),
         "undetermined": printed.undetermined_sentences(fit),
         "by_prior": printed.prior_sentences(fit),
-        "unknown": UNIDENTIFIABLE["thrust_scale"],
+        "unknown": "" if study.vehicle.thrust_scale_error else UNIDENTIFIABLE["thrust_scale"],
         "next_step": step,
         "tracks": of_kind("tracks"),
         "worst": speeds[:1],

@@ -278,7 +278,7 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: P
     if diagnosis.unexplained_shares:
         shares = [f"{axis} {100.0 * share:.2g} %" for axis, share in diagnosis.unexplained_shares.items()]
         print_text(console, f"left unexplained, in percent of the variance of all forces: {', '.join(shares)}")
-    if diagnosis.verdict != "bad_logs":
+    if diagnosis.verdict != "bad_logs" and not study.vehicle.thrust_scale_error:
         print_text(console, f"cannot be found from these data: {result.UNIDENTIFIABLE['thrust_scale']}")
     print_labelled(console, "Next:", str(sentences.next_step(diagnosis, next_planar_experiment(diagnosis), guess)))
     show_warnings(console, [*study.remarks(), *diagnosis.warnings])

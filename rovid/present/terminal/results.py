@@ -157,7 +157,7 @@ def show_thrust_scale(console: Console, scale: ThrustScale, given: float) -> Non
     print_text(console, f"The error includes {100.0 * scale.reference_error:.2g} % for the reference.")
     print_labelled(console, "Next:", "enter in [vehicle] of rovid.toml, and fit again:")
     print_path(console, f"  thrust_scale = {value:.6g}")
-    print_path(console, f"  thrust_scale_error = {error:.3g}")
+    print_path(console, f"  thrust_scale_error = {given * scale.error_for_fits:.3g}")
 
 
 def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -> None:
