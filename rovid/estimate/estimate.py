@@ -10,7 +10,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.stats import t_quantile
 from rovid.model.parameter_names import unit_of
-from rovid.trial.assumptions import Assumptions, scales_with_thrust
+from rovid.trial.assumptions import Assumptions, scales_with_thrust, thrust_exponent
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.trial import read_only
 
@@ -88,14 +88,13 @@ class Estimate:
 
     def standard_error(self, name: str) -> float:
         """Standard error of the parameter ``name``."""
-        return math.hypot(self._covariance_error(name), self.thrust_scale_uncertainty * self._scaled_size(name))
+        return math.hypot(self._covariance_error(name), self._scale_error(name) * self.value(name))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval by Student's t; the uncertainty of the thrust scale is a factor on the value."""
         value, quantile = self.value(name), 0.5 + level / 2.0
         reach = t_quantile(quantile, self.degrees_of_freedom) * self._covariance_error(name)
-        relative = self.thrust_scale_uncertainty if self._scaled_size(name) else 0.0
-        log_error = t_quantile(quantile, math.inf) * relative
+        log_error = t_quantile(quantile, math.inf) * self._scale_error(name)
 
         def edge(sign: float) -> float:
             plain = value + sign * reach
@@ -110,11 +109,9 @@ class Estimate:
         at = self.names.index(name)
         return math.sqrt(self.covariance[at, at])
 
-    def _scaled_size(self, name: str) -> float:
-        """Magnitude of a parameter that is proportional to the thrust scale; 0 for any other."""
-        if not scales_with_thrust(unit_of(name, self.axis)):
-            return 0.0
-        return abs(self.value(name))
+    def _scale_error(self, name: str) -> float:
+        """Relative error of a parameter by that of the thrust scale."""
+        return self.thrust_scale_uncertainty * abs(thrust_exponent(unit_of(name, self.axis)))
 
     def correlation(self, first: str, second: str) -> float:
         """Correlation between two parameters; NaN where one of them is not estimated."""

@@ -129,7 +129,14 @@ class Assumptions:
 
 def scales_with_thrust(unit: str) -> bool:
     """Whether a quantity in ``unit`` is proportional to thrust."""
-    return unit == "N" or unit.startswith(("N ", "kg"))
+    return thrust_exponent(unit) == 1.0
+
+
+def thrust_exponent(unit: str) -> float:
+    """Power of a common factor on all thrust to which a quantity in ``unit`` is proportional."""
+    if unit == "N" or unit.startswith(("N ", "kg")):
+        return 1.0
+    return {"N^0.5": 0.5, "1/(N": -1.0}.get(unit.partition(" ")[0], 0.0)
 
 
 # --- fingerprint of rovid.toml ---------------------------------------------------------------------------------

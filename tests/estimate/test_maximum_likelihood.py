@@ -244,12 +244,13 @@ def test_a_fitted_thrust_curve_leaves_the_thrust_scale_uncertain(holds_at: float
     assert any("at which thrust" in warning for warning in fit["warnings"])
 
 
-def test_the_thrust_scale_error_is_a_factor_on_forces_only() -> None:
+def test_the_thrust_scale_error_is_a_factor_on_forces_and_their_roots() -> None:
     names = ("inertia", "quadratic_drag", "thrust_curve_shape.exponent", "bias_torque.torque")
+    names += ("advance_speed_loss.coefficient",)  # of the root of a thrust
     sure = Estimate(
         names=names,
-        values=np.array([5000.0, 3500.0, 0.8, -10.0]),
-        covariance=np.diag([30.0, 40.0, 0.01, 4.0]) ** 2,
+        values=np.array([5000.0, 3500.0, 0.8, -10.0, 2.0]),
+        covariance=np.diag([30.0, 40.0, 0.01, 4.0, 0.1]) ** 2,
         method="",
         samples=1,
     )
@@ -257,13 +258,13 @@ def test_the_thrust_scale_error_is_a_factor_on_forces_only() -> None:
     openly = sure.with_thrust_scale_uncertainty(0.6)
     assert len(openly.warnings) == 1
     assert [openly.standard_error(name) for name in names] == pytest.approx(
-        [math.hypot(30.0, 3000.0), math.hypot(40.0, 2100.0), 0.01, math.hypot(4.0, 6.0)]
+        [math.hypot(30.0, 3000.0), math.hypot(40.0, 2100.0), 0.01, math.hypot(4.0, 6.0), math.hypot(0.1, 0.6)]
     )
     low, high = openly.interval("inertia")
     assert low == pytest.approx(5000.0 * math.exp(-1.96 * 0.6), rel=1e-3)
     assert high == pytest.approx(5000.0 * math.exp(1.96 * 0.6), rel=1e-3)
     assert openly.interval("thrust_curve_shape.exponent") == sure.interval("thrust_curve_shape.exponent")
-    assert [openly.differs_from_zero(name) == sure.differs_from_zero(name) for name in names] == [True] * 4
+    assert [openly.differs_from_zero(name) == sure.differs_from_zero(name) for name in names] == [True] * 5
     assert np.array_equal(openly.covariance, sure.covariance)
 
 
