@@ -207,6 +207,7 @@ class VehicleStudy:
         progress
             Called with a line at each step, as ``print``; None: a notebook shows the last line below the cell.
         """
+        _require_positive(budget=budget)
         with notebook_progress("Reading the logs …") as shown:
             report, logs = progress or shown, self.logs
             if self.coupled is not None:
@@ -247,6 +248,7 @@ class VehicleStudy:
         RovidError
             No run stays within the limits, or a name is unknown.
         """
+        _require_positive(share=share, minutes=minutes, max_rate=max_rate, travel=travel)
         self._require_one_axis("plan")
         self.logs.require_sound()
         causes = self._effects(between)
@@ -263,6 +265,7 @@ class VehicleStudy:
 
         ``relevant_change`` is the relative change of drag or inertia that has to be detectable.
         """
+        _require_positive(relevant_change=relevant_change)
         with notebook_progress("Fitting both campaigns …") as shown:
             a, b = self._campaign("a"), other._campaign("b")
             found = compare_campaigns(a, b, relevant_change=relevant_change, report=progress or shown)
@@ -319,6 +322,7 @@ def open_folder(folder: str | PathLike[str], *, axis: str, axes: str | None, cut
 
 def _chosen(axis: str, axes: str | None, cutoff: float | None) -> Axis:
     """The axis of this name, or `PLANAR`."""
+    _require_positive(cutoff=cutoff)
     if axes is None:
         return axis_named(axis)
     if axes != PLANAR.name:
@@ -327,6 +331,12 @@ def _chosen(axis: str, axes: str | None, cutoff: float | None) -> Axis:
         given = "axis" if axis != YAW.name else "cutoff"
         raise ConfigError(f"is given together with {given}.", where="axes", mend=f"Leave {given} out.")
     return PLANAR
+
+
+def _require_positive(**numbers: float | None) -> None:
+    for name, value in numbers.items():
+        if value is not None and not value > 0.0:
+            raise ConfigError(f"is {value:g}; a positive number was expected.", where=name)
 
 
 def _stored(model: to.ModelRecord) -> Parameters:

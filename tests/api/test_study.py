@@ -138,11 +138,22 @@ def curve(value: Any) -> dict[str, Any]:
         (curve(([1.0, 1.0], [2.0, 3.0])), r"two or more different commands were expected"),
         ({"run": "trial"}, r"run: is 'trial'"),
         ({"axis": "yam"}, r"yam"),
+        ({"cutoff": -1.0}, r"cutoff: is -1; a positive number"),
     ],
 )
 def test_a_wrong_description_is_one_clear_message(changes: dict[str, Any], wanted: str) -> None:
     with pytest.raises(ConfigError, match=wanted):
         described(table().head(500), **changes)
+
+
+def test_a_limit_below_zero_is_one_clear_message() -> None:
+    study = described(table().head(500))
+    with pytest.raises(ConfigError, match="budget: is 0; a positive number"):
+        study.diagnose(budget=0.0)
+    with pytest.raises(ConfigError, match="share: is -1; a positive number"):
+        study.plan(share=-1.0)
+    with pytest.raises(ConfigError, match="relevant_change: is nan; a positive number"):
+        study.compare(study, relevant_change=np.nan)
 
 
 def test_a_coupled_study_takes_rudders_and_speeds_from_memory() -> None:
