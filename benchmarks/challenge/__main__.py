@@ -49,7 +49,7 @@ def answered(entrant: str, campaigns: list[Campaign], path: Path, truths: dict[s
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 said = answer(campaign)
-            if wrong := problem(said):
+            if wrong := problem(said, len(truths[campaign.name]["turns"])):
                 raise ValueError(wrong)
             document["campaigns"][campaign.name] = said
         except Exception as error:  # noqa: BLE001 - an entrant that fails gets the score of no answer

@@ -27,17 +27,30 @@ def crps(quantiles: Sequence[float], truth: float) -> float:
     return float(2.0 * np.mean(np.maximum(np.array(LEVELS) * error, (np.array(LEVELS) - 1.0) * error)))
 
 
-def problem(answer: Answer) -> str:
-    """What is wrong with an answer; empty if nothing."""
-    odds = answer.get("causes", {})
+def problem(answer: Any, instants: int) -> str:
+    """What is wrong with an answer, which asks for the heading at so many instants; empty if nothing."""
+    if not isinstance(answer, dict) or not all(isinstance(answer.get(key), dict) for key in ("causes", "parameters")):
+        return "causes, parameters and heading_deg were expected; the first two are objects."
+    odds, turns = answer["causes"], answer.get("heading_deg")
     if unknown := set(odds) - set(LABELS):
         return f"causes has {sorted(unknown)[0]!r}; one of these was expected: {', '.join(LABELS)}."
-    if any(not 0.0 <= p <= 1.0 for p in odds.values()) or abs(sum(odds.values()) - 1.0) > 1e-6:
+    if not _numbers([*odds.values()], len(odds)) or min(odds.values(), default=-1.0) < 0.0:
+        return "each of causes needs a probability from 0 to 1."
+    if abs(sum(odds.values()) - 1.0) > 1e-6:
         return f"the probabilities in causes sum to {sum(odds.values()):.6g}; 1 was expected."
-    wanted = [answer.get("parameters", {}).get(name, []) for name in PARAMETERS] + list(answer.get("heading_deg", []))
-    if any(len(one) != len(LEVELS) or not np.isfinite(one).all() for one in wanted):
-        return f"each parameter and heading needs {len(LEVELS)} quantiles, at the levels {LEVELS}."
-    return ""
+    if not isinstance(turns, list) or len(turns) != instants:
+        return f"heading_deg needs {instants} lists, one for each of times_s."
+    complete = all(_numbers(one, len(LEVELS)) for one in [*map(answer["parameters"].get, PARAMETERS), *turns])
+    return "" if complete else f"each parameter and heading needs {len(LEVELS)} quantiles, at the levels {LEVELS}."
+
+
+def _numbers(values: object, count: int) -> bool:
+    """Whether the values are so many finite numbers."""
+    return (
+        isinstance(values, list)
+        and len(values) == count
+        and all(isinstance(value, int | float) and math.isfinite(value) for value in values)
+    )
 
 
 def named(odds: Mapping[str, float]) -> str | None:
@@ -85,7 +98,7 @@ def summary(scores: Sequence[dict[str, Any]]) -> dict[str, float]:
 def scored(document: dict[str, Any], truths: dict[str, Truth]) -> dict[str, dict[str, Any]]:
     """Campaign -> its scores; a wrong answer raises ValueError with the campaign and the reason."""
     for campaign, answer in document["campaigns"].items():
-        if wrong := problem(answer):
+        if campaign in truths and (wrong := problem(answer, len(truths[campaign]["turns"]))):
             raise ValueError(f"{campaign}: {wrong}")
     return {name: score(document["campaigns"].get(name), truth) for name, truth in truths.items()}
 
@@ -98,8 +111,16 @@ def main() -> None:
     truths = json.loads((options.round / "truth.json").read_text(encoding="utf-8"))
     for path in options.answers:
         document = json.loads(path.read_text(encoding="utf-8"))
-        print(document["entrant"])
-        for key, value in summary(list(scored(document, truths).values())).items():
+        if not isinstance(document, dict) or not isinstance(document.get("campaigns"), dict):
+            parser.error(f"{path}: an object with entrant and campaigns was expected.")
+        if unknown := sorted(document["campaigns"].keys() - truths.keys()):
+            parser.error(f"{path}: the round has no campaign {unknown[0]!r}; it has {', '.join(truths)}.")
+        try:
+            scores = scored(document, truths)
+        except ValueError as error:
+            parser.error(f"{path}: {error}")
+        print(document.get("entrant", path.stem))
+        for key, value in summary(list(scores.values())).items():
             print(f"  {key:<10} {value:.3g}")
 
 

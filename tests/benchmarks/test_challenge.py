@@ -51,9 +51,13 @@ def test_crps_of_equal_quantiles_is_the_distance_and_of_a_normal_distribution_ne
 
 
 def test_wrong_answers_are_refused_with_the_reason() -> None:
-    assert "'rust'" in problem(answer(rust=1.0))
-    assert "sum to 0.5" in problem(answer(none=0.5))
-    assert "5 quantiles" in problem(answer(none=1.0) | {"heading_deg": [[1.0]]})
+    assert "'rust'" in problem(answer(rust=1.0), 2)
+    assert "sum to 0.5" in problem(answer(none=0.5), 2)
+    assert "5 quantiles" in problem(answer(none=1.0) | {"heading_deg": [[1.0], [1.0] * 5]}, 2)
+    assert "needs 3 lists" in problem(answer(none=1.0), 3)
+    assert "needs 2 lists" in problem({"causes": {"none": 1.0}, "parameters": {}}, 2)
+    assert "from 0 to 1" in problem(answer(none=1.0) | {"causes": {"none": "1"}}, 2)
+    assert "were expected" in problem(answer(none=1.0) | {"causes": [1.0]}, 2)
     with pytest.raises(ValueError, match="calm_00: the probabilities"):
         scored({"campaigns": {"calm_00": answer(none=0.5)}}, {"calm_00": TRUTH})
     assert sum(spread({"none": 2.0, "bias_torque": 1.0}).values()) == pytest.approx(1.0)
@@ -73,6 +77,10 @@ def test_the_scorer_runs_without_rovid(tmp_path: Path) -> None:
             f"sys.argv[1:] = [{str(tmp_path)!r}, {str(path)!r}]; score.main()")  # fmt: skip
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "median_p   1" in done.stdout
+    path.write_text(json.dumps({"entrant": "mine", "campaigns": {"calm_01": answer(bias_torque=1.0)}}))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "mine.json: the round has no campaign 'calm_01'; it has calm_00." in done.stderr
 
 
 def test_a_folder_loses_its_configuration_and_its_held_out_heading(tmp_path: Path) -> None:
@@ -104,7 +112,7 @@ def test_a_folder_loses_its_configuration_and_its_held_out_heading(tmp_path: Pat
     # The regression sees what acts, and an answer keeps the format.
     odds = odds_by_bic(Regression(campaign).candidates())
     assert max(odds, key=lambda name: odds[name]) == "bias_torque"
-    assert problem(prior(campaign)) == ""
+    assert problem(prior(campaign), len(campaign.asked)) == ""
     truths = {"calm_00": TRUTH | {"turns": turns}}
     documents = {"prior": {"campaigns": {"calm_00": prior(campaign)}, "failures": {}}}
     here = {"round": 1, "sealed": "2026-01-01", "sha256": "0", "secret": None}
