@@ -245,8 +245,10 @@ def test_a_fitted_thrust_curve_leaves_the_thrust_scale_uncertain(holds_at: float
 
 
 def test_the_thrust_scale_error_is_a_factor_on_forces_and_their_roots() -> None:
-    names = ("inertia", "quadratic_drag", "thrust_curve_shape.exponent", "bias_torque.torque")
-    names += ("advance_speed_loss.coefficient",)  # of the root of a thrust
+    names = (
+        "inertia", "quadratic_drag", "thrust_curve_shape.exponent", "bias_torque.torque",
+        "advance_speed_loss.coefficient",  # N^0.5 s/m
+    )  # fmt: skip
     sure = Estimate(
         names=names,
         values=np.array([5000.0, 3500.0, 0.8, -10.0, 2.0]),
