@@ -18,9 +18,11 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "calibration.md"
 # What turns logs into estimates and their errors; effects have pages and tests of their own.
 FILES = (
-    "estimate/fisher_information.py", "estimate/fit_result.py", "estimate/innovation_likelihood.py",
-    "estimate/levenberg_marquardt.py", "estimate/missing_torque.py", "estimate/multi_step.py",
-    "estimate/nested_fits.py", "estimate/parametrization.py", "model/filter_batch.py", "model/ode.py",
+    "estimate/dataset.py", "estimate/estimate.py", "estimate/fisher_information.py", "estimate/fit_result.py",
+    "estimate/innovation_likelihood.py", "estimate/levenberg_marquardt.py", "estimate/maximum_likelihood.py",
+    "estimate/missing_torque.py", "estimate/multi_step.py", "estimate/nested_fits.py", "estimate/objective.py",
+    "estimate/parametrization.py", "estimate/unknown_past.py", "model/filter_batch.py", "model/kernels/ekf3.py",
+    "model/kernels/multi_step.py", "model/kernels/rk4.py", "model/ode.py",
 )  # fmt: skip
 LINE = re.compile(r"^Estimator's code: `(?P<digest>[0-9a-f]+)`\. ?(?P<check>.*(?:\n.+)*)$", re.MULTILINE)
 SEED = 2  # of the campaigns of a check; the page's own have seed 1
