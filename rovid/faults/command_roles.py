@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
+from rovid.faults.common_causes import OneModel, likelihood_gain
 from rovid.faults.quick_model import LogRegressors, fit_quick_model, solved
 from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
@@ -78,13 +79,18 @@ def misassigned(runs: Sequence[Run], vehicle: Vehicle) -> Misfit | None:
         usual = float(np.median(shares[agree & others if (agree & others).any() else others]))
         if shares[at] < max(_MIN_SHARE, _EXPLAINED * usual) or not fit.is_possible:
             continue
+        usual_logs = [log for log, is_usual in zip(logs, agree & others, strict=True) if is_usual]
+        whole = OneModel(fit.log, usual_logs)
+        if whole.is_usual:
+            continue
         hypotheses = [*_hypotheses(fit, vehicle)]
         level = _LEVEL + np.log(len(logs) * len(hypotheses))
         likely = [
-            (fit.gain(each.residual, fit.logged), each)
+            (likelihood_gain(each.residual, fit.logged), each)
             for each in hypotheses
             if fit.share(each.residual) < min(_EXPLAINED * usual, _MOST)
-            and fit.gain(each.residual, fit.own) > _OVER_FOREIGN
+            and likelihood_gain(each.residual, fit.own) > _OVER_FOREIGN
+            and likelihood_gain(each.residual, whole.residual) + whole.loss > _OVER_FOREIGN
         ]
         gain, best = max(likely, key=lambda pair: pair[0], default=(0.0, None))
         if best and gain > level:
@@ -189,7 +195,7 @@ class _Prediction:
         log, torque = self.log, self.motion - self.logged
         found = [self.logged]
         inertia, quadratic, linear = values = solved(log.z.T @ log.x, log.z.T @ torque)
-        if inertia > 0.0 and linear + quadratic * np.sqrt(np.mean(log.x[:, 2] ** 2)) > 0.0:
+        if inertia > 0.0 and linear + quadratic * log.rms_rate > 0.0:
             own = log.x @ values
             found.append((own - torque) * np.sqrt((self.motion @ self.motion) / (own @ own)))
         shapes = np.column_stack((torque, log.shapes))
@@ -205,13 +211,6 @@ class _Prediction:
         """
         torque = max(float(self.motion @ self.motion), float(self.log.torque @ self.log.torque), self._least)
         return float(residual @ residual) / torque
-
-    def gain(self, residual: FloatArray, other: FloatArray) -> float:
-        """Log-likelihood (nats) of a residual over another one, with its number of independent values."""
-        power = np.abs(np.fft.rfft(residual)) ** 2
-        # Of a periodogram, whose ordinates are exponentially distributed: two values each.
-        independent = 4.0 * power.sum() ** 2 / (power @ power).clip(1e-300)
-        return float(0.5 * independent * np.log((other @ other) / (residual @ residual).clip(1e-300)))
 
 
 def _hypotheses(fit: _Prediction, vehicle: Vehicle) -> Iterator[_Hypothesis]:
@@ -246,6 +245,6 @@ def _silences(fit: _Prediction, at: int, name: str) -> Iterator[_Hypothesis]:
     changed, mean = (np.cumsum(each[::-1])[::-1] for each in (2.0 * fit.logged * push + push**2, push))
     first = int(inside[np.argmin((changed - mean**2 / len(push))[inside])])
     residual = fit.logged + log.centred(push * (np.arange(len(push)) >= first))
-    if fit.gain(residual, whole) > _LEVEL + np.log(len(inside)):
+    if likelihood_gain(residual, whole) > _LEVEL + np.log(len(inside)):
         instant = float(log.time[first])
         yield _Hypothesis(what=f"{name} does not push from {instant:.1f} s on", residual=residual, at=(instant,))

@@ -1,5 +1,8 @@
 """Causes that all logs share, and that make one log deviate: a drive, or a torque along the motion; no log is foreign.
 
+The first one is the model itself: logs of one rate do not divide the drag into quadratic and linear, and predict no log
+at another rate. One inertia and drag may explain it with the others.
+
 A lag, a delay, a slew limit or play changes the inertia and the drag that a fast or fine log shows, and hardly those of
 the others. Each is applied to the commands of all logs, with the size that leaves the least torque unexplained.
 
@@ -48,6 +51,14 @@ _SWIRL = 0.4
 _SIGN_WIDTH = 0.1
 # Share of what a model of each of two groups leaves unexplained, that a torque of all logs leaves at most.
 _FAR_LESS = 0.5
+# Likelihood ratio (nats) of a model of its own for one log over one model of all: 99.9 % quantile of three parameters.
+_OWN_MODEL = 8.1
+# Probability of a residual variance, over the median of the other logs, up to which a disturbance explains it.
+_USUAL = 0.95
+# Factor on the residual of a model with a negative inertia: it predicts nothing.
+_IMPOSSIBLE = 1e30
+# Passes in which the weights of the logs settle.
+_PASSES = 4
 # Harmonics of the heading: of a deviation by hard and soft iron and a further one, and of a torque by wind or a cable.
 _DEVIATIONS, _HARMONICS = (1.0, 2.0, 3.0), (1.0, 2.0)
 
@@ -59,6 +70,72 @@ class CommonDrive:
     name: str
     model: QuickModel  #: The common model with it.
     is_shown: bool  #: Whether the other logs show it too.
+
+
+class OneModel:
+    """One inertia and drag for the ``odd`` log and the ``others``, by the likelihood ratio test of Chow.
+
+    Chow, G. C. (1960), Tests of equality between sets of coefficients in two linear regressions, Econometrica 28.
+    """
+
+    def __init__(self, odd: LogRegressors, others: Sequence[LogRegressors]) -> None:
+        from scipy.special import fdtri
+
+        self._odd, self._values = odd, _model_of([odd, *others])
+        rest = _model_of(others)
+        residuals = [(log.forcing - log.x @ self._values, log.forcing - log.x @ rest) for log in others]
+        #: (n,) residual torque of the ``odd`` log.
+        self.residual = odd.forcing - odd.x @ self._values
+        #: Likelihood (nats) of a model of the ``others`` alone over this one.
+        self.loss = max(0.0, sum(likelihood_gain(self._scale(rest) * own, joint) for joint, own in residuals))
+        usual = float(np.median([np.mean(own**2) for _, own in residuals]))
+        counts = _independent(self.residual), sum(_independent(own) for _, own in residuals)
+        #: Whether a disturbance as in the ``others`` explains the residual: F-test.
+        self.is_usual = bool(np.mean(self.residual**2) < usual * fdtri(*counts, _USUAL))
+        self._least = _OWN_MODEL + float(np.log(1 + len(others)))
+
+    def _scale(self, values: FloatArray) -> float:
+        """Factor on a residual by other ``values``: models predict accelerations, which a tiny inertia cannot."""
+        return float(self._values[0] / values[0]) if values[0] > 0.0 else _IMPOSSIBLE
+
+    @property
+    def explains(self) -> bool:
+        """Whether the ``odd`` log needs no model of its own."""
+        if self.is_usual or self._odd.is_opposite:
+            return self.is_usual
+        gains, (inertia, *drags) = [], self._values
+        # Its own inertia and drags, or the others' with one factor on the inertia and one on the drag.
+        for directions in np.eye(3), np.array([[inertia, 0.0], [0.0, drags[0]], [0.0, drags[1]]]):
+            x, z = self._odd.x @ directions, self._odd.z @ directions
+            own = directions @ solved(z.T @ x, z.T @ self._odd.forcing)
+            gains.append(likelihood_gain(self._scale(own) * (self._odd.forcing - self._odd.x @ own), self.residual))
+        return max(gains) + self.loss < self._least
+
+
+def _model_of(logs: Sequence[LogRegressors]) -> FloatArray:
+    """(3,) inertia, quadratic and linear drag of all ``logs``, weighted by variances, at least the usual one."""
+    variances = np.array([float(np.mean(log.forcing**2)) for log in logs])
+    for _ in range(_PASSES):
+        variances = np.maximum(variances, np.median(variances))
+        slope = np.sum([log.z.T @ log.x / variance for variance, log in zip(variances, logs, strict=True)], axis=0)
+        score = np.sum(
+            [log.z.T @ log.forcing / variance for variance, log in zip(variances, logs, strict=True)], axis=0
+        )
+        values = solved(slope, score)
+        variances = np.array([float(np.mean((log.forcing - log.x @ values) ** 2)) for log in logs])
+    return values
+
+
+def likelihood_gain(residual: FloatArray, other: FloatArray) -> float:
+    """Log-likelihood (nats) of a residual over another one, with its number of independent values."""
+    ratio = (other @ other) / (residual @ residual).clip(1e-300)
+    return 0.5 * _independent(residual) * float(np.log(ratio))
+
+
+def _independent(residual: FloatArray) -> float:
+    power = np.abs(np.fft.rfft(residual)) ** 2
+    # Of a periodogram, whose ordinates are exponentially distributed: two values each.
+    return float(4.0 * power.sum() ** 2 / (power @ power).clip(1e-300))
 
 
 def common_drive(

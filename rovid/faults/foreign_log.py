@@ -17,8 +17,15 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.command_roles import misassigned
-from rovid.faults.common_causes import common_drive, least_unexplained, replaces_groups, unexplained, with_common_torque
-from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name, solved
+from rovid.faults.common_causes import (
+    OneModel,
+    common_drive,
+    least_unexplained,
+    replaces_groups,
+    unexplained,
+    with_common_torque,
+)
+from rovid.faults.quick_model import LogMoments, LogRegressors, QuickModel, fit_quick_model, log_name, solved
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
@@ -123,6 +130,8 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
             # Sway and surge change the yaw that a log shows, but not the sign of its inertia.
             foreign = [log for log in foreign if 1.0 + log.deviation[0] + _CERTAIN * log.standard_errors[0] < 0.0]
         foreign = [log for log in foreign if log.name not in kept and _explains_itself(log, model)]
+        usual = [one for one in model.regressors if one.name not in {log.name for log in foreign}]
+        foreign = [log for log in foreign if not OneModel(_regressors(log, model), usual).explains]
         if not foreign:
             break
         alike = [log for log in foreign if log.name not in opposite]
@@ -164,13 +173,17 @@ def _is_foreign(log: LogMoments, count: int) -> bool:
 
 def _explains_itself(log: LogMoments, model: QuickModel) -> bool:
     """Whether another inertia and drag leave half of the residual variance at most, as of another vehicle."""
-    own = next(each for each in model.regressors if each.name == log.name)
+    own = _regressors(log, model)
     before, change = own.forcing - own.x @ model.values, solved(log.slope, log.score)
     after = before - own.x @ change
     # The sensor noise counts as much more as the inertia is larger.
     scale = (model.inertia + change[0]) ** 2
     noise = scale * sum(int(run.valid.sum()) * run.rates.acceleration_noise**2 for run in own.runs)
     return bool(after @ after - noise < _LESS * (before @ before))
+
+
+def _regressors(log: LogMoments, model: QuickModel) -> LogRegressors:
+    return next(each for each in model.regressors if each.name == log.name)
 
 
 def _belonging(logs: Sequence[LogMoments], model: QuickModel) -> set[str]:

@@ -139,6 +139,11 @@ class LogRegressors:
         explains = float(rest @ rest) < _OPPOSED * float(self.torque @ self.torque)
         return bool(values[0] < 0.0 and drag < 0.0 and explains)
 
+    @cached_property
+    def rms_rate(self) -> float:
+        """RMS rate, with its mean."""
+        return float(np.sqrt(np.mean(np.concatenate([run.rates.rate[run.valid] for run in self.runs]) ** 2)))
+
     @property
     def is_cut(self) -> bool:
         """Whether the log is in parts, because of another fault."""

@@ -77,6 +77,19 @@ def test_a_coupled_vehicle_that_turns_by_itself_has_no_dead_thruster() -> None:
     assert not any("does not push" in fault.text for fault in examine(DETECTORS["runs"], data, FaultOverrides())[1])
 
 
+@pytest.mark.parametrize(("low", "seed"), [(0.1, 4), (0.15, 2), (0.2, 7)])
+def test_slow_turns_in_rough_water_and_a_fast_one_are_of_one_vehicle(low: float, seed: int) -> None:
+    """Slow turns do not tell the quadratic from the linear drag, and a disturbance is as large as their thrust."""
+    rng, time, runs = np.random.default_rng(seed), clock(30.0, 10.0), list[Run]()
+    for number, level in enumerate((low, -low, -0.8)):
+        commands = level * np.sign([*ARMS.values()]) * (time > 3.0)[:, None]
+        torque, noise = 100.0 * commands @ np.array([*ARMS.values()]), rng.normal(0.0, 1e-3, len(time))
+        disturbance = gauss_markov(len(time), 0.1, 2.0, 0.4, rng)
+        one = run(time, torque, scaled(SMALL, 10.0, 10.0), cutoff=0.7, disturbance=disturbance, noise=noise)
+        runs.append(replace(one, trial=replace(one.trial, name=f"hold_{number}.csv", commands=commands)))
+    assert not examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=TWO), FaultOverrides())[1]
+
+
 def test_a_log_in_parts_is_judged_without_the_mean_torque_of_each() -> None:
     damage = "the commands of a have the opposite sign"
     runs = two_thrusters(damage, 3, turning=1.0)
