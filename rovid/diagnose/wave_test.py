@@ -22,7 +22,7 @@ from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.objective import UNLIMITED, NegativeLogLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY
-from rovid.faults.quick_model import first_order, held_torque
+from rovid.faults.log_regressors import first_order, held_torque
 from rovid.trial.axis import YAW
 
 # Time constants in sampling intervals of a filter that an INS may have. Largest number of readings in the test for such

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.quick_model import first_order
+from rovid.faults.log_regressors import first_order
 from rovid.trial.preprocessing import Run
 
 #: Length of a jackknife block in periods of the cut-off.

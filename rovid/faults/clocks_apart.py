@@ -24,7 +24,8 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.clock_drift import BLOCK, clock_drift
-from rovid.faults.quick_model import first_order, fit_quick_model, log_name, log_parts
+from rovid.faults.log_regressors import first_order
+from rovid.faults.quick_model import fit_quick_model, log_name, log_parts
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
 from rovid.trial.rates import integral

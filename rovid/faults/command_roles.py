@@ -15,7 +15,8 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.common_causes import OneModel, likelihood_gain
-from rovid.faults.quick_model import LogRegressors, fit_quick_model, solved
+from rovid.faults.log_regressors import LogRegressors, solved
+from rovid.faults.quick_model import fit_quick_model
 from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 

@@ -20,16 +20,8 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import delayed, lagged, played, slewed, soft_started
 from rovid.effects.actuator_inputs import neutral_commands
-from rovid.faults.quick_model import (
-    LogRegressors,
-    QuickModel,
-    first_order,
-    fit_quick_model,
-    held_torque,
-    log_name,
-    log_parts,
-    solved,
-)
+from rovid.faults.log_regressors import LogRegressors, first_order, held_torque, solved
+from rovid.faults.quick_model import QuickModel, fit_quick_model, log_name, log_parts
 from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 

@@ -25,7 +25,8 @@ from rovid.faults.common_causes import (
     unexplained,
     with_common_torque,
 )
-from rovid.faults.quick_model import LogMoments, LogRegressors, QuickModel, fit_quick_model, log_name, solved
+from rovid.faults.log_regressors import LogRegressors, solved
+from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle

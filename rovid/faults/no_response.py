@@ -23,7 +23,8 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import Detection, Detectors, RunsData
 from rovid.faults.foreign_log import without
-from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, held_torque, log_parts
+from rovid.faults.log_regressors import first_order, held_torque
+from rovid.faults.quick_model import QuickModel, fit_quick_model, log_parts
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run
 

@@ -20,7 +20,8 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.faults.base import Detection, Detectors, RunsData, TrialData
-from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, log_name
+from rovid.faults.log_regressors import first_order
+from rovid.faults.quick_model import QuickModel, fit_quick_model, log_name
 from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials

@@ -17,7 +17,8 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CommandData, Detection, Detectors, RunsData
-from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, log_name
+from rovid.faults.log_regressors import first_order
+from rovid.faults.quick_model import QuickModel, fit_quick_model, log_name
 from rovid.faults.several_releases import cut_out, free_motion, log_starts, moving_torque
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run

@@ -16,7 +16,8 @@ from rovid.core.array_types import FloatArray
 from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.common_causes import unexplained, with_common_torque
 from rovid.faults.foreign_log import significant_groups
-from rovid.faults.quick_model import fit_quick_model, solved
+from rovid.faults.log_regressors import solved
+from rovid.faults.quick_model import fit_quick_model
 from rovid.faults.unit_mismatch import mismatch_text, unit_of
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run

@@ -13,7 +13,7 @@ from rovid.faults import clocks_apart
 from rovid.faults.base import RunsData, examine
 from rovid.faults.clock_drift import clock_drift
 from rovid.faults.clocks_apart import DETECTORS, ResponseDelay, response_delay
-from rovid.faults.quick_model import first_order
+from rovid.faults.log_regressors import first_order
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
