@@ -30,7 +30,7 @@ KERNELS := from rovid.model.kernels import compile_all, is_compiled; is_compiled
 
 $(VENV)/compiled: $(VENV)/installed
 	-$(BIN)/python -c '$(KERNELS)'
-	-$(ROVID) fit sample_logs/planar_rov --axes planar -p $(VENV)/planar.toml > $(VENV)/planar.log 2>&1
+	-$(ROVID) fit sample_logs/planar_rov/run_01.csv --axes planar -p $(VENV)/planar.toml > $(VENV)/planar.log 2>&1
 	touch $@
 
 define DEMO

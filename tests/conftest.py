@@ -180,6 +180,10 @@ def _opened_once() -> Iterator[None]:
         yield
 
 
+# Plots that the page of a yaw day shows; those of single trials are files only.
+SHOWN_PLOTS = ("thrust_curves", "steady_torque", "inertia", "sine_runs", "overview", "residuals")
+
+
 @contextlib.contextmanager
 def blank_plots(*drawn: str) -> Iterator[None]:
     """Reports whose plots are all set up, but drawn as one blank: for tests of what else a page says and writes.

@@ -167,7 +167,7 @@ def _slope(state: Any, force: Any, filtered: Any, numbers: Any, out: Any) -> Non
     nu, drag, inertia, right = work[0, :3], work[1, :3], work[2, :3], work[3, :3]
     nu[0], nu[1], nu[2] = state[1] - ahead, state[2] - side, state[3]
     if len(coefficients) > 0:
-        held[:3] = force
+        held[0], held[1], held[2] = force[0], force[1], force[2]
         out[0], out[1], out[2] = slopes(coefficients, True, held, nu[0], nu[1], nu[2], 0.0, 0.0, 0.0)
     else:
         _damping(nu, linear, absolute, yaw, drag)
@@ -206,6 +206,27 @@ def _runge_kutta(state: Any, slope: Any, force: Any, filtered: Any, numbers: Any
 
 
 @compiled
+def _solve(matrix: Any, mass: Any, slope: Any) -> None:
+    """Solution of ``matrix`` x = ``mass`` ``slope`` in place of ``slope``, by Gaussian elimination.
+
+    Numba takes seconds to compile numpy's, and slices.
+    """
+    right = np.empty(3)
+    for i in range(3):
+        right[i] = mass[i, 0] * slope[0] + mass[i, 1] * slope[1] + mass[i, 2] * slope[2]
+    for k in range(3):
+        for i in range(k + 1, 3):
+            factor = matrix[i, k] / matrix[k, k]
+            right[i] -= factor * right[k]
+            for j in range(k, 3):
+                matrix[i, j] -= factor * matrix[k, j]
+    for i in range(2, -1, -1):
+        for j in range(i + 1, 3):
+            right[i] -= matrix[i, j] * slope[j]
+        slope[i] = right[i] / matrix[i, i]
+
+
+@compiled
 def _advance(state: Any, filtered: Any, before: Any, force: Any, numbers: Any) -> None:
     """One step of ``state`` (heading, velocities over ground) in place."""
     _, _, linear, absolute, _, _, current, weight, _, step, scheme, mass, _, _, yaw, work = numbers
@@ -227,7 +248,7 @@ def _advance(state: Any, filtered: Any, before: Any, force: Any, numbers: Any) -
             nu[j] -= nudge
             for i in range(3):
                 matrix[i, j] += step * (later[i] - drag[i]) / nudge
-        slope[:] = np.linalg.solve(matrix, mass @ slope)
+        _solve(matrix, mass, slope)
     # The acceleration through the water: the water turns in body axes.
     cosine, sine = np.cos(state[0]), np.sin(state[0])
     ahead, side = cosine * current[0] + sine * current[1], -sine * current[0] + cosine * current[1]
@@ -252,7 +273,8 @@ def _run(start: Any, forces: Any, every: int, numbers: Any) -> Any:
     rows = np.empty((len(forces) // every, 4))
     for k in range(len(rows) * every):
         if k % every == 0:
-            rows[k // every] = state
+            for i in range(4):
+                rows[k // every, i] = state[i]
         _advance(state, filtered, before, forces[k], numbers)
     return rows
 
@@ -262,7 +284,8 @@ def _decay(starts: Any, count: int, energy_mass: Any, numbers: Any) -> Any:
     found, force = np.empty((len(starts), 2)), np.zeros(3)
     for at in range(len(starts)):
         state, filtered, before = np.zeros(4), np.zeros(3), np.zeros(3)
-        state[1:] = starts[at]
+        for i in range(3):
+            state[i + 1] = starts[at, i]
         first = energy = _energy(state, energy_mass)
         last = 0
         for k in range(count):

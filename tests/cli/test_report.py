@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rovid.store.load import read_parameters
-from tests.conftest import SAMPLES, Rovid, run_rovid
+from tests.conftest import SAMPLES, SHOWN_PLOTS, Rovid, blank_plots, run_rovid
 
 LOGS = ("hold_02.csv", "hold_03.csv", "hold_05.csv", "sine_40s_a.csv", "sine_40s_b.csv")
 
@@ -20,9 +20,9 @@ def day_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, logs = tmp_path_factory.mktemp("report"), tmp_path_factory.mktemp("logs")
     for name in ("rovid.toml", "thrust_curve.csv", *LOGS):
         shutil.copy(SAMPLES / "rosub_tank" / name, logs)
-    done = run_rovid(
-        "report", logs, "-o", folder, "-p", folder / "parameters.toml", "--no-diagnosis", "--no-control", "--no-export"
-    )
+    more = ("-o", folder, "-p", folder / "parameters.toml", "--no-diagnosis", "--no-control", "--no-export")
+    with blank_plots(*SHOWN_PLOTS):
+        done = run_rovid("report", logs, *more)
     assert done.code == 0, done.err
     return folder
 

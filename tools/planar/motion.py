@@ -319,6 +319,13 @@ def _send(
 
 
 @numba.njit(cache=True)
+def _fill(target: Floats, source: Floats) -> None:
+    """The first numbers of ``source`` into ``target``; numba takes a second to compile a slice."""
+    for j in range(target.size):
+        target[j] = source[j]
+
+
+@numba.njit(cache=True)
 def simulate(
     hull: Hull, ship: Ship, pilot: Pilot, rows: Floats, rests: Floats, curves_x: Floats, curves_y: Floats,
     allocation: Floats, limits: Floats, decimals: Ints, times: Floats, kinds: Ints, places: Ints, demands: Floats,
@@ -370,6 +377,6 @@ def simulate(
                     interval, rows, curves_x, curves_y, commands,
                 )  # fmt: skip
         elif kinds[e] == ARRIVE:
-            active[:] = commands[place]
+            _fill(active, commands[place])
         elif kinds[e] == RECORD:
-            record[place] = state[:6]
+            _fill(record[place], state)

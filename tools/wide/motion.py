@@ -286,7 +286,8 @@ def _slopes(
     psi, r, w, sway = state[PSI], state[RATE], state[WATER], state[SWAY]
     surge = series[SURGE]
     thrust, load = _torque(base, thrusters, r, state[SAG], surge, series[VOLTAGE], t, day, ph)
-    out[:] = 0.0
+    for j in range(N_STATE):  # a slice takes numba a second to compile
+        out[j] = 0.0
     n = thrust + series[DISTURBANCE] + ph.bias
     if ph.annulus > 0.0:
         drag = _drag(r - w, swept, ph)
@@ -415,7 +416,8 @@ def simulate(
             for half in range(3):
                 _at(begin + 0.5 * half * h, series_begin, series_step, series, now[half])
             _step(begin, h, state, trial, slopes, base, thrusters, now, swept, heading, day, ph)
-            base[0] = base[2]
+            for i in range(count):
+                base[0, i] = base[2, i]
             if state[RATE] * side < 0.0:
                 swept = 0.0
             side = state[RATE]

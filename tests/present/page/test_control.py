@@ -29,7 +29,7 @@ from rovid.present.report_data import ReportData
 from rovid.present.tables.trials import formats_table, gains_table, loss_reasons, loss_title, runs_table
 from rovid.store.parameter_file import Parameters
 from rovid.trial.vehicle import ThrustCurve, Thruster
-from tests.conftest import SAMPLES, Rovid, run_rovid
+from tests.conftest import SAMPLES, Rovid, blank_plots, run_rovid
 from tests.present.conftest import BIAS, silent, study_of
 
 REPORT = ("report", "--no-diagnosis")
@@ -58,7 +58,8 @@ def shown(evidence: ReportData) -> str:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page of the founding paper's tables, the parameter file beside it."""
     folder = tmp_path_factory.mktemp("page")
-    done = run_rovid(*REPORT, SAMPLES / "rosub_paper", "-o", folder, "-p", folder / "parameters.toml")
+    with blank_plots():
+        done = run_rovid(*REPORT, SAMPLES / "rosub_paper", "-o", folder, "-p", folder / "parameters.toml")
     assert done.code == 0, done.err
     return folder
 

@@ -23,6 +23,7 @@ from rovid.present.plots import trials
 from rovid.present.report_data import ReportData
 from rovid.store.parameter_file import Entry, Parameters, read_source
 from rovid.trial.trial import Campaign
+from tests.conftest import SHOWN_PLOTS, blank_plots
 from tests.present.conftest import GAP, identified, make_evidence, make_vehicle
 
 TODAY = date(2026, 3, 7)
@@ -35,7 +36,6 @@ SECTIONS = (
     "What these data cannot tell",
     "Where it comes from",
 )
-NAMED_PLOTS = {"thrust_curves", "steady_torque", "inertia", "sine_runs", "overview", "residuals"}
 # Of the English that a reader of a day without a diagnosis is given; the tables of its nine trials included.
 MOST_WORDS = 1330  # of a day with eleven trials
 
@@ -88,8 +88,10 @@ def titles(page: str) -> tuple[str, ...]:
 
 @pytest.fixture(scope="module")
 def folder(day: ReportData, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page, with the plots that it shows; those of trials but the first are blank."""
     folder = tmp_path_factory.mktemp("report")
-    write_report(folder, day, today=TODAY, journal=("84mm",))
+    with blank_plots(*SHOWN_PLOTS, "trial_01_hold_0_csv"):
+        write_report(folder, day, today=TODAY, journal=("84mm",))
     return folder
 
 
@@ -155,9 +157,9 @@ def test_every_trial_is_in_the_tables_and_has_its_plot(page: str, folder: Path, 
         assert f"<option>{name}</option>" in page or f"<option selected>{name}</option>" in page
     png, svg = ({path.stem for path in (folder / "plots").glob(f"*.{kind}")} for kind in ("png", "svg"))
     assert png == svg
-    assert png >= NAMED_PLOTS
-    assert len(png - NAMED_PLOTS) == len(names)
-    assert page.count("<img ") == len(NAMED_PLOTS)  # each trial is in the viewer
+    assert png >= {*SHOWN_PLOTS}
+    assert len(png - {*SHOWN_PLOTS}) == len(names)
+    assert page.count("<img ") == len(SHOWN_PLOTS)  # each trial is in the viewer
     assert page.count("<svg xmlns") == 2  # the worst trial, for a wide screen and for a narrow one
 
 
@@ -190,7 +192,7 @@ def test_parameters_that_go_together_are_shaded(page: str) -> None:
 def test_same_evidence_same_bytes(folder: Path, day: ReportData, tmp_path: Path) -> None:
     write_report(tmp_path, replace(day, simulations=day.simulations[:1]), today=TODAY)
     again = [path for path in (tmp_path / "plots").iterdir() if "overview" not in path.name]
-    assert len(again) == 2 * len(NAMED_PLOTS)
+    assert len(again) == 2 * len(SHOWN_PLOTS)
     for path in again:
         assert path.read_bytes() == (folder / "plots" / path.name).read_bytes(), path.name
     assert without_plots(day) == without_plots(day)
