@@ -234,6 +234,7 @@ def _rudders(subject: PlanarInput) -> list[dict[str, Any]]:
             "lift": one.lift,
             "slipstream": one.slipstream,
             "stall": one.stall,
+            "resistance": 1.0 if one.resistance is None else one.resistance,
             "straightening": 1.0 if one.straightening is None else one.straightening,
             "asymmetry": one.asymmetry,
         }

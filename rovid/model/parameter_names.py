@@ -24,6 +24,7 @@ PLANAR_UNITS = {
 RUDDER_UNITS = {
     "lift": "N s^2/m^2",
     "slipstream": "m^2/(N s^2)",
+    "resistance": "1",
     "straightening": "1",
     "asymmetry": "1",
     "stall": "rad",

@@ -30,6 +30,9 @@ _MEMORY_BOUNDS, _FIRST_MEMORY = (0.05, 100.0), 1.0
 _USUAL_DISTURBANCE, _USUAL_MEMORY, _DISTURBANCE_ERROR = 0.01, 2.0, 1.5
 # Least and largest straightening of the flow at a rudder and its asymmetry, by published ones of ships; starts.
 _STRAIGHTENING, _STRAIGHT = ((0.25, -0.5), (0.8, 0.5)), (0.5, 0.0)
+# Least and largest resistance of a rudder. Models of ships have 0.6 to 0.8 (1 - t_R; Yasukawa and Yoshimura 2015), a force
+# normal to the blade 1, and many models of fins none.
+_RESISTANCE = (0.0, 1.5)
 # Least and largest stall angle of a rudder in rad, 15 and 60 deg: those of a spade rudder, and of one in a slipstream.
 _STALL = (0.26, 1.05)
 # Range of the log noise of a sensor about its start.
@@ -78,6 +81,8 @@ class PlanarCoordinates:
             arm = max(math.hypot(*rudder.position), 1e-9)
             unit = float(max(sizes.force[1], sizes.force[2] / arm) / sizes.speed[0] ** 2)
             rows += [(unit, 0.0, np.inf), (rudder.slipstream or 1.0, 0.0, 1e3 if rudder.slipstream > 0.0 else 0.0)]
+            if rudder.resistance is not None:
+                rows += [(1.0, *(_RESISTANCE if not yaw_only else (rudder.resistance,) * 2))]
             if rudder.straightening is not None:
                 rows += [(1.0, *bounds) for bounds in zip(*_STRAIGHTENING, strict=True)]
         for force in sizes.force:
@@ -139,7 +144,7 @@ class PlanarCoordinates:
 
     def straightened(self, x: FloatArray) -> tuple[Self, FloatArray]:
         """The same coordinates with the straightening of the flow at each rudder, and ``x`` at its usual value."""
-        at = np.repeat(BASE_COUNT + 2 * np.arange(1, len(self.rudders) + 1), 2)
+        at = np.repeat(BASE_COUNT + np.cumsum([len(one.parts) for one in self.rudders]), 2)
         rudders = tuple(replace(one, straightening=_STRAIGHT[0]) for one in self.rudders)
 
         def longer(values: FloatArray, own: tuple[float, float]) -> FloatArray:

@@ -104,7 +104,7 @@ def _rudder_forces(p: Any, angle: float, thrust: float, u: float, v: float, r: f
     attack = min(max(attack, -p[3]), p[3])
     normal = p[2] * (abs(ahead) + across * across) * math.sin(attack)
     # Normal to the blade, whatever the stream.
-    x, y = -normal * math.sin(angle), -normal * math.cos(angle)
+    x, y = -p[7] * normal * math.sin(angle), -normal * math.cos(angle)
     return x, y, p[0] * y - p[1] * x
 
 
@@ -257,7 +257,8 @@ def forces(model: PlanarModel, speeds: FloatArray, inputs: FloatArray) -> FloatA
         attack = np.sign(ahead) * angle + np.arctan2(across, np.sqrt(abs(ahead)))
         attack = np.clip(attack, -rudder.stall, rudder.stall)
         normal = rudder.lift * (abs(ahead) + across * across) * np.sin(attack)
-        force = np.array([-normal * np.sin(angle), -normal * np.cos(angle)])
+        resistance = 1.0 if rudder.resistance is None else rudder.resistance
+        force = np.array([-resistance * normal * np.sin(angle), -normal * np.cos(angle)])
         total = total + np.array([*force, x * force[1] - y * force[0]])
     return np.asarray(total)
 

@@ -75,26 +75,29 @@ class PlanarMotion:
         speed: FloatArray,
         *,
         yaw_only: bool = False,
+        sensors: Sequence[str] = SENSORS,
     ) -> Self:
         """The motion by `rovid.planar.equations.simulate_runs`, of runs or windows one after the other.
 
-        ``starts``: (runs, 6) as the sensors of ``model`` read them at their places.
+        ``starts``: (runs, 6) as the ``sensors`` of the logs read them at their places; see `PlanarModel.places`.
         """
         states, first = np.zeros((len(time), STATES)), starts.copy()
-        (log_x, log_y), (x, y) = map(model.place_of, ("surge_velocity", "north"))
+        log_x, log_y, x, y = model.places(sensors)
         cosine, sine, rate = np.cos(first[:, 0]), np.sin(first[:, 0]), first[:, 3]
         first[:, [1, 2, 4, 5]] -= np.column_stack(
             (-log_y * rate, log_x * rate, x * cosine - y * sine, x * sine + y * cosine)
         )
         simulate_runs(offsets, time, inputs, first, speed, yaw_only, model.coefficients, states)
-        return cls.of_states(time, states, model)
+        return cls.of_states(time, states, model, sensors)
 
     @classmethod
-    def of_states(cls, time: FloatArray, states: FloatArray, model: PlanarModel) -> Self:
-        """The motion of (n, 12) states of `rovid.planar.kernels`, at the places of the sensors of ``model``."""
+    def of_states(
+        cls, time: FloatArray, states: FloatArray, model: PlanarModel, sensors: Sequence[str] = SENSORS
+    ) -> Self:
+        """The motion of (n, 12) states of `rovid.planar.kernels`, at the places of the ``sensors``."""
         heading, rate, current = states[:, HEADING], states[:, SURGE + 2], model.current
         cosine, sine = np.cos(heading), np.sin(heading)
-        (log_x, log_y), (x, y) = map(model.place_of, ("surge_velocity", "north"))
+        log_x, log_y, x, y = model.places(sensors)
         north, east = current[0] + states[:, CURRENT], current[1] + states[:, CURRENT + 1]
         return cls(
             time=time,
@@ -128,7 +131,9 @@ def simulate_planar(
     first = measured_start(run) if start is None else np.asarray(start, dtype=np.float64)
     speed = np.maximum(np.abs(first[1:4]), 0.1)
     offsets = np.array([0, len(run.time)])
-    return PlanarMotion.simulated(model, offsets, run.time, inputs, first[None], speed, yaw_only=yaw_only)
+    return PlanarMotion.simulated(
+        model, offsets, run.time, inputs, first[None], speed, yaw_only=yaw_only, sensors=run.sensors
+    )
 
 
 def measured_start(run: dataset.PlanarRun) -> FloatArray:
@@ -162,7 +167,9 @@ def estimated_start(model: PlanarModel, run: dataset.PlanarRun, *, yaw_only: boo
 
     def simulated(first: FloatArray) -> FloatArray:
         offsets = np.array([0, len(time)])
-        motion = PlanarMotion.simulated(model, offsets, time, inputs, first[None], speed, yaw_only=yaw_only)
+        motion = PlanarMotion.simulated(
+            model, offsets, time, inputs, first[None], speed, yaw_only=yaw_only, sensors=run.sensors
+        )
         return weight * motion.sensors(SENSORS)[index, sensor]
 
     steps = 1e-4 * np.array([1.0, *speed, 1.0, 1.0])
@@ -283,7 +290,8 @@ class FreeRuns:
         most = _LARGEST * self.usual
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             inputs = self._inputs(model.actuator_effects) if model.actuator_effects else self._plain_inputs
-            motion = PlanarMotion.simulated(model, self.offsets, time, inputs, starts, self.scale)
+            logged = self.data.sensors
+            motion = PlanarMotion.simulated(model, self.offsets, time, inputs, starts, self.scale, sensors=logged)
             found = motion.sensors(AXIS_SPEEDS)
             # The kernel of the measured speeds, over each run.
             ends = np.cumsum([len(run.time) for _, run in self.smooth])[:-1]

@@ -219,11 +219,14 @@ def window_errors(
     first = states[[begin for _, _, begin, _ in windows]]
     time = grid.time[every]
     # The change of a wandering current counts as speed over ground.
-    started = PlanarMotion.of_states(time[offsets[:-1]], first, planar)
+    logged = parts.data.sensors
+    started = PlanarMotion.of_states(time[offsets[:-1]], first, planar, logged)
     starts = started.sensors(("heading", *AXIS_SPEEDS, "north", "east"))
 
     def simulated(forces: FloatArray) -> FloatArray:
-        motion = PlanarMotion.simulated(planar, offsets, time, forces, starts, grid.speed, yaw_only=grid.yaw_only)
+        motion = PlanarMotion.simulated(
+            planar, offsets, time, forces, starts, grid.speed, yaw_only=grid.yaw_only, sensors=logged
+        )
         return motion.sensors(("heading", *AXIS_SPEEDS))
 
     motion, reference = simulated(inputs), parts.measured[every]

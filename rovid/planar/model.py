@@ -9,7 +9,7 @@ at (x, y) with the angle delta, in water in which the vehicle has the velocity (
     a = |u_R| u_R + s max(T, 0)                                         T thrust of the propeller ahead of it
     alpha = delta + atan2(v_R, sqrt(|a|))                               angle of attack, within +-stall
     F = lift (|a| + v_R^2) sin(alpha)                                   delta changes its sign where a < 0
-    X = -F sin(delta),  Y = -F cos(delta),  N = x Y - y X
+    X = -k F sin(delta),  Y = -F cos(delta),  N = x Y - y X
 
 (Soeding 1998; Yasukawa and Yoshimura 2015, eqs. 7, 14, 21 and 23.) The hull and the propeller straighten the flow by g,
 1 where they do not, and by a share b more where v + x r > 0, less where it is negative. ``lift``, ``slipstream`` s,
@@ -59,8 +59,8 @@ CURRENT_INDEX = BASE_COUNT + sum(_COUNTS)
 PLACE_INDEX = CURRENT_INDEX + 4
 RUDDER_INDEX = PLACE_INDEX + 4
 # Coefficients of a rudder: position in m ahead and to starboard, lift in N s^2/m^2, stall angle in rad, slipstream in
-# m^2/(N s^2), straightening and its asymmetry.
-RUDDER_COUNT = 7
+# m^2/(N s^2), straightening and its asymmetry, and resistance.
+RUDDER_COUNT = 8
 # Columns of the inputs before those of the rudders (angle, thrust ahead of it): forces X, Y, N.
 INPUT_COUNT = 3
 RUDDER_INPUTS = 2
@@ -87,14 +87,16 @@ class RudderModel:
     stall: float = 0.6  #: rad; the side force grows no further beyond this angle of attack.
     stalls: bool = False  #: Whether that angle is a parameter.
     slipstream: float = 0.0  #: m^2/(N s^2); squared inflow by thrust of the propeller ahead of it.
+    resistance: float | None = None  #: Resistance over that of a force normal to the blade; None where it is 1.
     straightening: float | None = None  #: Share of the flow aside at the rudder; None where it is no parameter, for 1.
     asymmetry: float = 0.0  #: Share by which it is larger in a flow to port than on average, and smaller to starboard.
 
     @property
     def parts(self) -> tuple[str, ...]:
         """Names of the parameters."""
-        lift, slipstream, *straight, stall = RUDDER_UNITS
-        return (lift, slipstream, *(straight if self.straightening is not None else ()), *([stall] * self.stalls))
+        left_out = {part for part in ("resistance", "straightening") if getattr(self, part) is None}
+        left_out |= ({"asymmetry"} if self.straightening is None else set()) | (set() if self.stalls else {"stall"})
+        return tuple(part for part in RUDDER_UNITS if part not in left_out)
 
     @property
     def values(self) -> list[float]:
@@ -165,6 +167,14 @@ class PlanarModel:
         ahead, starboard = self.coefficients[first : first + 2]
         return float(ahead), float(starboard)
 
+    def places(self, sensors: Sequence[str]) -> tuple[float, float, float, float]:
+        """Places in m, ahead and to starboard, of the speeds and of the positions in logs with these ``sensors``.
+
+        Speeds without a velocity log come from the positions: they are those of the antenna.
+        """
+        (x, _), (_, y) = (self.place_of(one if one in sensors else "north") for one in ("sway_velocity", "surge_velocity"))
+        return x, y, *self.place_of("north")
+
     @property
     def of_vehicle(self) -> Self:
         """The model with its sensors at the origin."""
@@ -195,7 +205,7 @@ class PlanarModel:
                 numbers[first : first + 2] = one.parameters
         for at, rudder in enumerate(self.rudders):
             first = RUDDER_INDEX + RUDDER_COUNT * at
-            own = rudder.lift, rudder.stall, rudder.slipstream, rudder.straightening, rudder.asymmetry
+            own = rudder.lift, rudder.stall, rudder.slipstream, rudder.straightening, rudder.asymmetry, rudder.resistance
             numbers[first : first + RUDDER_COUNT] = [*rudder.position, *(1.0 if one is None else one for one in own)]
         return numbers
 

@@ -60,7 +60,8 @@ def planar_rudders(data: dataset.PlanarData) -> tuple[RudderModel, ...]:
     for name, rudder in zip(data.actuators.rudder_names, data.actuators.rudders, strict=True):
         stall = _STALL if rudder.stall is None else rudder.stall
         lift, slipstream = rudder.lift or 0.0, rudder.slipstream or 0.0
-        found.append(RudderModel(name=name, position=rudder.position, stall=stall, lift=lift, slipstream=slipstream))
+        known = RudderModel(name=name, position=rudder.position, stall=stall, lift=lift, slipstream=slipstream)
+        found.append(replace(known, resistance=1.0))
     return tuple(found)
 
 

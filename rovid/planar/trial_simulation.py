@@ -163,7 +163,8 @@ def _restart_errors(
 ) -> tuple[FloatArray, FloatArray]:
     """Errors of heading in rad and of position in m, ``horizon`` s after restarts that are one horizon apart.
 
-    A restart has the smoothed motion as measured, and the states of the actuators.
+    A restart has the smoothed motion as measured, and the states of the actuators. Between fixes the track is that of
+    the smoothed speeds.
     """
     smooth = smooth_motion(run)
     if smooth is None or smooth.time[-1] - smooth.time[0] < horizon:
@@ -174,11 +175,18 @@ def _restart_errors(
     has_heading = _are_read(run, ("heading",), first) & _are_read(run, ("heading",), last)
     has_track = _are_read(run, ("north", "east"), first) & _are_read(run, ("north", "east"), last)
 
+    cosine, sine = np.cos(smooth.heading), np.sin(smooth.heading)
+    ahead, aside = smooth.speeds[:, 0], smooth.speeds[:, 1]
+    rates = {"north": ahead * cosine - aside * sine, "east": ahead * sine + aside * cosine}
+
     def read(name: str, rows: IntArray) -> FloatArray:
         if name not in run.sensors:
             return np.zeros(len(rows))
-        readings = run.readings(name)
-        return np.asarray(np.interp(run.time[rows], readings.time, readings.values))
+        readings, rate = run.readings(name), rates.get(name, np.zeros(len(smooth.time)))
+        moved = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(smooth.time))))
+        fixed = readings.values - np.interp(readings.time, smooth.time, moved)
+        time = run.time[rows]
+        return np.asarray(np.interp(time, smooth.time, moved) + np.interp(time, readings.time, fixed))
 
     starts = np.column_stack([
         np.interp(run.time[first], smooth.time, smooth.heading),
@@ -189,7 +197,9 @@ def _restart_errors(
     offsets = np.concatenate(([0], np.cumsum(last - first + 1)))
     inputs = run.forces(model.actuator_effects).inputs[rows]
     speed = np.maximum(np.sqrt(np.mean(smooth.speeds**2, axis=0)), 1e-3)
-    motion = PlanarMotion.simulated(model, offsets, run.time[rows], inputs, starts, speed, yaw_only=yaw_only)
+    motion = PlanarMotion.simulated(
+        model, offsets, run.time[rows], inputs, starts, speed, yaw_only=yaw_only, sensors=run.sensors
+    )
     ends = offsets[1:] - 1
     heading = motion.heading[ends] - read("heading", last)
     track = np.hypot(motion.north[ends] - read("north", last), motion.east[ends] - read("east", last))

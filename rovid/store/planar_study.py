@@ -282,6 +282,7 @@ def planar_model(stored: Parameters, rudders: Sequence[RudderModel] = ()) -> Pla
 def _stored(rudder: RudderModel, values: Mapping[str, float]) -> RudderModel:
     names = {part: f"rudder.{rudder.name}.{part}" for part in RUDDER_UNITS}
     parts: dict[str, Any] = {part: values[name] for part, name in names.items() if name in values}
+    parts.setdefault("resistance", None)
     return replace(rudder, **parts, stalls="stall" in parts)
 
 

@@ -41,7 +41,7 @@ def deviations(fitted: PlanarFit, truth: Truth) -> dict[str, float]:
     """Deviation of each estimated parameter from the truth in standard errors."""
     true = dict(zip(BASE_NAMES, truth.base, strict=True))
     if truth.rudder is not None:
-        true["rudder.rudder.lift"] = truth.rudder[1]
+        true |= {"rudder.rudder.lift": truth.rudder[1], "rudder.rudder.resistance": truth.resistance}
     if math.isfinite(truth.stall):
         true["rudder.rudder.stall"] = truth.stall
     if any(truth.current):
@@ -54,8 +54,8 @@ def deviations(fitted: PlanarFit, truth: Truth) -> dict[str, float]:
 
 @pytest.mark.parametrize(
     ("truth", "hold"),
-    [(box_rov(3), 6.0), (torpedo(3), 8.0), (torpedo(3, stall=0.3), 8.0)],
-    ids=["box ROV with DVL", "torpedo with rudder", "torpedo with a rudder that stalls early"],
+    [(box_rov(3), 6.0), (torpedo(3, resistance=0.2), 8.0), (torpedo(3, stall=0.3), 8.0)],
+    ids=["box ROV with DVL", "torpedo with a fin of little resistance", "torpedo with a rudder that stalls early"],
 )
 @pytest.mark.slow
 def test_the_truth_is_within_the_errors(truth: Truth, hold: float) -> None:
@@ -225,10 +225,13 @@ def test_slow_positions_do_not_blur_the_speeds_of_a_fast_log() -> None:
     assert start.residual < 0.01
     assert start.model.base[:3] == pytest.approx(truth.base[:3], rel=0.1)
     (found,) = simulate_planar_trials(PlanarModel(base=np.array(truth.base)), data)
-    error = found.heading_errors[10.0]
+    error, track = found.heading_errors[10.0], found.track_errors[10.0]
     # A kernel of two such intervals leaves no restart in this run, and errors of 2.6 rad in longer ones.
     assert error is not None
     assert error < 0.01
+    # The noise of two fixes is 0.1 m. Restarts on straight lines between fixes have errors of 0.74 m.
+    assert track is not None
+    assert track < 0.2
 
 
 def test_correlated_errors_count_as_fewer() -> None:

@@ -55,7 +55,7 @@ CASES = [*VALUES, "rudder"]
 def case_model(case: str) -> tuple[PlanarModel, int]:
     if case == "rudder":
         rudder = RudderModel(name="r", position=(-0.7, 0.1), lift=30.0, slipstream=0.02)
-        return planar_model(rudders=(replace(rudder, straightening=0.6, asymmetry=0.3),)), 5
+        return planar_model(rudders=(replace(rudder, resistance=0.7, straightening=0.6, asymmetry=0.3),)), 5
     return planar_model(case), 3
 
 

@@ -11,8 +11,10 @@ from rovid.model.bound_effects import BoundEffect
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import place_entries, planar_candidates, proposed_places
 from rovid.planar.fit import fit_base
-from rovid.planar.free_runs import simulate_planar
+from rovid.planar.free_runs import FreeRuns, simulate_planar
+from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.start_values import planar_sizes, start_values
 from tests.planar.vehicles import box_rov, campaign
 
 PLACE = effect_named("sensor_place")
@@ -54,3 +56,19 @@ def test_a_simulation_begins_where_the_sensors_read(small: tuple[PlanarData, Pla
     assert (moved.surge_velocity[0], moved.sway_velocity[0]) == (0.5, 0.1)
     # The origin moves by the rate times the place less.
     np.testing.assert_allclose(moved.through_water[0], [0.5 - 0.2 * 0.4, 0.1 - 0.4 * 0.4, 0.4], atol=1e-12)
+
+
+def test_speeds_from_positions_are_those_of_the_antenna() -> None:
+    """Without a velocity log a simulation has the smoothed speeds of the antenna, which moves with the turns."""
+    noise = {"heading": (1e-4, 0.05), "north": (1e-4, 0.2), "east": (1e-4, 0.2)}
+    truth = box_rov(3, noise=noise, place=(0.5, -0.2), disturbance=(0.0, 0.0, 0.0))
+    data = campaign(truth, runs=1, levels=8, hold=4.0, seed=2)
+    antenna = BoundEffect(effect_named("sensor_place:antenna"), np.array(truth.place))
+    model = PlanarModel(base=np.array(truth.base), effects=(antenna,))
+    assert model.places(data.sensors) == (0.5, -0.2, 0.5, -0.2)
+    assert model.places(("surge_velocity", "north", "east")) == (0.5, 0.0, 0.5, -0.2)
+    runs = FreeRuns.of(data, planar_sizes(data, start_values(data, with_current=False)[0]))
+    assert runs is not None
+    errors = runs.errors(model).error.reshape(-1, 3) / runs.usual
+    # Speeds of the origin in their place are off by more than the usual speed.
+    assert np.sqrt(np.mean(errors**2, axis=0)).max() < 0.1

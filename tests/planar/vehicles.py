@@ -25,10 +25,11 @@ class Truth:
     couplings: tuple[float, float] = (0.0, 0.0)  #: N_v and Y_r with opposite signs.
     rudder: tuple[float, float] | None = None  #: Position ahead in m, lift.
     stall: float = np.inf  #: rad, of the rudder.
+    resistance: float = 1.0  #: Of the rudder, over that of a force normal to the blade.
     noise: dict[str, tuple[float, float]] = field(default_factory=dict)  #: Sensor -> noise, interval in s.
     disturbance: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: N, N, N m.
     memory: float = 3.0  #: s.
-    place: tuple[float, float] = (0.0, 0.0)  #: m; of the velocity log.
+    place: tuple[float, float] = (0.0, 0.0)  #: m; of the velocity log and the antenna.
 
     def vehicle(self) -> Vehicle:
         curve = ThrustCurve(command=np.array([-1.0, 1.0]), thrust=np.array([-1.0, 1.0]))
@@ -70,7 +71,7 @@ def simulate(truth: Truth, commands: FloatArray, hold: float, start: FloatArray,
             delta, across = command[-1], v + at * r
             attack = np.clip(delta + np.arctan2(across, abs(u)), -truth.stall, truth.stall)
             side = lift * (u * u + across**2) * np.sin(attack)
-            total -= np.array([side * np.sin(delta), side * np.cos(delta), at * side * np.cos(delta)])
+            total -= np.array([truth.resistance * side * np.sin(delta), side * np.cos(delta), at * side * np.cos(delta)])
         cosine, sine = np.cos(psi), np.sin(psi)
         ground = u * cosine - v * sine + truth.current[0], u * sine + v * cosine + truth.current[1]
         return np.concatenate(([r], inverse @ total, ground))
@@ -119,8 +120,8 @@ def campaign(truth: Truth, *, runs: int, levels: int, hold: float, seed: int) ->
             "yaw_rate": states[:, 3],
             "surge_velocity": states[:, 1] + north * np.cos(psi) + east * np.sin(psi) - truth.place[1] * states[:, 3],
             "sway_velocity": states[:, 2] - north * np.sin(psi) + east * np.cos(psi) + truth.place[0] * states[:, 3],
-            "north": states[:, 4],
-            "east": states[:, 5],
+            "north": states[:, 4] + truth.place[0] * np.cos(psi) - truth.place[1] * np.sin(psi),
+            "east": states[:, 5] + truth.place[0] * np.sin(psi) + truth.place[1] * np.cos(psi),
         }
         readings = {}
         position = np.full(len(time), np.nan)
