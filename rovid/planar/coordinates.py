@@ -30,8 +30,8 @@ _MEMORY_BOUNDS, _FIRST_MEMORY = (0.05, 100.0), 1.0
 _USUAL_DISTURBANCE, _USUAL_MEMORY, _DISTURBANCE_ERROR = 0.01, 2.0, 1.5
 # Least and largest straightening of the flow at a rudder and its asymmetry, by published ones of ships; starts.
 _STRAIGHTENING, _STRAIGHT = ((0.25, -0.5), (0.8, 0.5)), (0.5, 0.0)
-# Least and largest resistance of a rudder. Models of ships have 0.6 to 0.8 (1 - t_R; Yasukawa and Yoshimura 2015), a force
-# normal to the blade 1, and many models of fins none.
+# Least and largest resistance of a rudder. Models of ships have 0.6 to 0.8 (1 - t_R; Yasukawa and Yoshimura 2015), a
+# force normal to the blade 1, and many models of fins none.
 _RESISTANCE = (0.0, 1.5)
 # Least and largest stall angle of a rudder in rad, 15 and 60 deg: those of a spade rudder, and of one in a slipstream.
 _STALL = (0.26, 1.05)

@@ -220,6 +220,15 @@ class SmoothRun:
         columns = ([getattr(run, one.name)[::every] for run in runs] for one in fields(cls))
         return cls(*map(np.concatenate, columns))
 
+    def from_place(self, ahead: float) -> Self:
+        """The same at the origin, with the sensors of the speeds ``ahead`` m of it."""
+        lever = np.array([0.0, ahead, 0.0])
+        turning = (one[:, 2:] * lever for one in (self.speeds, self.accelerations))
+        speeds, accelerations = (
+            own - more for own, more in zip((self.speeds, self.accelerations), turning, strict=True)
+        )
+        return replace(self, speeds=speeds, accelerations=accelerations)
+
     def in_current(self, north: float, east: float) -> Self:
         """The same with speeds and accelerations relative to a current."""
         cosine, sine, r = np.cos(self.heading), np.sin(self.heading), self.speeds[:, 2]

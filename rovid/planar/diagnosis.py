@@ -38,6 +38,7 @@ _FORMLESS = (
 # A position comes from a vehicle at the surface, or from acoustics.
 _WIND = "If the vehicle was at the surface, a steady wind may act like the current: compare with the wind of that time."
 _DISAGREED = "Free-running simulations favour {}, the likelihood of the innovations {}: neither is established."
+_OUTWEIGHED = "{} explains these logs better, also held-out ones, but failed a test: {} is not established."
 # Probability that either of two criteria is right that name different causes. A decision.
 _ONE_OF_TWO = 0.5
 
@@ -160,9 +161,9 @@ def _too_short(data: PlanarData, parts: Parts, base: PlanarOptimum) -> str:
 
 def _validated(
     search: PlanarSearch, gate: Gate, model: PlanarOptimum
-) -> tuple[PlanarOptimum, list[Finding], list[tuple[str, str]]]:
-    """The model with causes that pass the gate, their tests, and the id and a message for each rejection."""
-    messages: list[tuple[str, str]] = []
+) -> tuple[PlanarOptimum, list[Finding], list[tuple[Finding, str]]]:
+    """The model with causes that pass the gate, their tests, and the rejected causes with a message for each."""
+    messages: list[tuple[Finding, str]] = []
     for _ in range(THRESHOLDS.max_rejections):
         tested = [gate.tested(model, effect) for effect in search.causes(model)]
         tested.sort(key=lambda one: one[0].bic_gain)
@@ -170,13 +171,14 @@ def _validated(
         if failed is None:
             return model, [one for one, _ in tested], messages
         one, why = failed
-        messages.append((one.effect.id, f"{one.effect.title} {why}: it is not claimed."))
+        messages.append((one, f"{one.effect.title} {why}: it is not claimed."))
         search.banned.add(one.effect.key)
         rest = search.without(model, one.effect)
         model = rest if search.budget.is_late else search.challenged(search.run(search.polish(rest)))
     for effect in search.causes(model):
-        if why := _rejection(model, *gate.tested(model, effect)):
-            messages.append((effect.id, f"{effect.title} {why}: it is not claimed."))
+        tests = gate.tested(model, effect)
+        if why := _rejection(model, *tests):
+            messages.append((tests[0], f"{effect.title} {why}: it is not claimed."))
             model = search.polish(search.without(model, effect))
     return model, [gate.tested(model, effect)[0] for effect in search.causes(model)], messages
 
@@ -214,10 +216,10 @@ def _result(
     gate: Gate,
     model: PlanarOptimum,
     tested: Sequence[Finding],
-    rejected: Sequence[tuple[str, str]],
+    rejected: Sequence[tuple[Finding, str]],
     likelier: Sequence[Finding],
 ) -> PlanarDiagnosis:
-    """The result; ``rejected`` are ids of effects, and why they are not claimed.
+    """The result; ``rejected`` are causes, and why they are not claimed.
 
     ``likelier``: Causes by the likelihood, where free-running simulations replaced it.
     """
@@ -225,15 +227,20 @@ def _result(
     late = bool(search.budget.not_tried)
     # Where the base model is not exact, a coupling of another form may fit as well as the true one.
     formless = [one for one in tested if model.is_multi_step and isinstance(one.effect.acts, Coupling)]
-    messages = [_FORMLESS.format(one.effect.title) for one in formless]
     apart, others = _contradicted(tested, likelier), " and ".join(one.effect.title for one in likelier)
-    messages += [_DISAGREED.format(one.effect.title, others) for one in apart]
-    sure = [one for one in tested if one.probability >= THRESHOLDS.established and one not in (*formless, *apart)]
+    outweighed = _outweighed(tested, [one for one, _ in rejected])
+    messages = [
+        *(_FORMLESS.format(one.effect.title) for one in formless),
+        *(_DISAGREED.format(one.effect.title, others) for one in apart),
+        *(_OUTWEIGHED.format(other.effect.title, one.effect.title) for one, other in outweighed),
+    ]
+    doubtful = [*formless, *apart, *(one for one, _ in outweighed)]
+    sure = [one for one in tested if one.probability >= THRESHOLDS.established and one not in doubtful]
     established, final, worse = gate.established(model, tested, [] if late else sure)
     messages += worse
     # Another form of an established cause may have been rejected.
     named = {one.effect.id for one in established}
-    messages = [*(text for effect, text in rejected if effect not in named), *messages]
+    messages = [*(text for one, text in rejected if one.effect.id not in named), *messages]
     if "current" in named and "north" in data.sensors:
         messages.append(_WIND)
     search.budget.report("Fitting all readings …")
@@ -319,6 +326,20 @@ def _contradicted(tested: Sequence[Finding], likelier: Sequence[Finding]) -> lis
     named = {one.effect.id for one in likelier}
     pairs = [(one, {one.effect.id, *(e.id for e in one.indistinguishable)}) for one in tested]
     return [one for one, own in pairs if named and named.isdisjoint(own)]
+
+
+def _outweighed(tested: Sequence[Finding], rejected: Sequence[Finding]) -> list[tuple[Finding, Finding]]:
+    """Causes that came in the place of a ``rejected`` one which explains the logs better, and that one.
+
+    A cause that the gate rejects by mistake leaves its place to another one.
+    """
+    pairs = [(one, other) for one in tested for other in rejected if other.effect.id != one.effect.id]
+    better = {
+        one.effect.id: (one, other)
+        for one, other in pairs
+        if other.bic_gain > one.bic_gain and other.held_out_gain > one.held_out_gain
+    }
+    return list(better.values())
 
 
 def _further(search: PlanarSearch, gate: Gate, model: PlanarOptimum, known: Collection[str]) -> list[Finding]:

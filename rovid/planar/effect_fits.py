@@ -98,7 +98,17 @@ def _with_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
         size = one.value + penalty * np.count_nonzero(one.likelihood.free)
         return float(size if one is best else size + _LIFT_GAIN)
 
-    return min((best, found, _as_ship(found, runs)), key=score)
+    lifted = min((best, found, _as_ship(found, runs)), key=score)
+    if lifted is best:
+        return best
+    # The place of a sensor that rovid.toml lacks looks like lift: what has fewer parameters comes first.
+    placed = [add_effect(best, place, data) for place in _unknown_places(data)]
+    return best if any(score(one) <= score(lifted) for one in placed) else lifted
+
+
+def _unknown_places(data: PlanarData) -> list[Effect]:
+    """Places of sensors that rovid.toml lacks."""
+    return [effect for effect in planar_candidates(data) if isinstance(effect.acts, SensorPlace)]
 
 
 def _fitted(likelihood: PlanarLikelihood, runs: FreeRuns | None, x: FloatArray) -> PlanarOptimum:
@@ -153,26 +163,32 @@ def add_effect(base: PlanarOptimum, effect: Effect, data: PlanarData) -> PlanarO
     if base.likelihood.grid.yaw_only and isinstance(effect.acts, Coupling | WaterCurrent):
         mend = "Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml."
         raise DataError("these logs measure the heading alone.", where=effect.key, mend=mend)
-    return base.with_effect(effect, _current_starts(base, effect, data))
+    return base.with_effect(effect, _new_starts(base, effect, data))
 
 
-def _current_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> list[FloatArray]:
-    """Coordinates with a current from the regressions; none for other effects.
+def _new_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> list[FloatArray]:
+    """Coordinates with a current, or with the place of the sensors of the speeds, from the regressions; else none.
 
-    A current changes every parameter. So the base parameters start anew, too.
+    Both change every parameter. So the base parameters start anew, too.
     """
-    if not isinstance(effect.acts, WaterCurrent):
+    # With a velocity log the regressions have no speeds of the antenna.
+    read = ("north", "east") if "surge_velocity" not in data.sensors else ("surge_velocity", "sway_velocity")
+    of_speeds = isinstance(effect.acts, SensorPlace) and effect.acts.sensors == read
+    if not isinstance(effect.acts, WaterCurrent) and not of_speeds:
         return []
     coordinates, starts = base.coordinates, []
-    at = coordinates.noise_begin
-    for start in start_values(data, with_current=True):
+    at, size = coordinates.noise_begin, coordinates.sizes.effects.unit_size(effect.parameters[0])
+    in_current = any(isinstance(one.acts, WaterCurrent) for one in (*base.effects, effect))
+    for start in start_values(data, with_current=in_current, with_place=of_speeds):
         north, east = start.current
         own = effect.initial_values[0].copy()
-        speed = coordinates.sizes.effects.unit_size(effect.parameters[0])
-        own[:2] = max(math.hypot(north, east) / speed, 0.02), math.atan2(east, north)
+        if of_speeds:
+            own = np.array([start.place / size, 0.0])
+        else:
+            own[:2] = max(math.hypot(north, east) / size, 0.02), math.atan2(east, north)
         effects = [one.parameters for one in base.model.effects]
         anew = coordinates.initial(start.model, effects)
-        # The disturbance and the noise of a model without the current say nothing.
+        # The disturbance and the noise of a model without it say nothing.
         starts.append(np.concatenate((anew[:at], own, anew[at:])))
     return starts
 
@@ -216,9 +232,7 @@ def proposed_places(best: PlanarOptimum, data: PlanarData) -> Iterator[str]:
         return
     likelihood = replace(best.likelihood, free_runs=None)
     penalty = 0.5 * math.log(float(best.likelihood.grid.used.sum()))
-    for effect in planar_candidates(data):
-        if not isinstance(effect.acts, SensorPlace):
-            continue
+    for effect in _unknown_places(data):
         count, at = len(effect.parameters), best.coordinates.noise_begin
         needed = THRESHOLDS.bic_margin + penalty * count
         extended = likelihood.with_coordinates(best.coordinates.with_effect(effect))
@@ -231,7 +245,7 @@ def proposed_places(best: PlanarOptimum, data: PlanarData) -> Iterator[str]:
         if with_place - without < needed:
             continue
         plain = PlanarOptimum.fit(likelihood, best.x) if best.is_multi_step else best
-        placed = plain.with_effect(effect)
+        placed = add_effect(plain, effect, data)
         # Where each disturbance stays at its limit, the place stands for something else that the model misses.
         explains = placed.is_white or placed.limited.sum() < plain.limited.sum()
         if explains and plain.value - placed.value > needed:

@@ -9,7 +9,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import significant
 from rovid.effects import Effect
-from rovid.effects.base import WaterCurrent
+from rovid.effects.base import SensorPlace, WaterCurrent
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
 from rovid.planar.coordinates import PlanarCoordinates
@@ -120,16 +120,16 @@ def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
 
 def fit_all_readings(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarOptimum:
     """The best model of all readings; raises the same as `fit_planar`."""
-    currents = [effect for effect in effects if isinstance(effect.acts, WaterCurrent)]
-    best = fit_base(data, with_current=bool(currents))
-    # Without its current a vehicle has no model worth extending.
-    for effect in currents:
+    first = [effect for effect in effects if isinstance(effect.acts, WaterCurrent | SensorPlace)]
+    best = fit_base(data, with_current=bool(first))
+    # Without its current, and the places of its sensors, a vehicle has no model worth extending.
+    for effect in first:
         best = add_effect(best, effect, data)
     best = with_hull_lift(best, data)
     for effect in effects:
         if effect.key not in {one.key for one in best.effects}:
             best = add_effect(best, effect, data)
-    if currents:
+    if first:
         best = with_latencies(best, data)
     return better_simulating(refined(best, data), data)
 

@@ -28,7 +28,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects import PLANAR_FORMS, Effect
-from rovid.effects.base import Coupling, OnCommand, SensorPlace, Values, WaterCurrent
+from rovid.effects.base import Coupling, OnCommand, SensorPlace, WaterCurrent
 from rovid.model.actuator_model import ActuatorModel, CommandSeries
 from rovid.model.bound_effects import BoundEffect
 from rovid.model.parameter_names import PLANAR_UNITS, RUDDER_UNITS
@@ -151,10 +151,6 @@ class PlanarModel:
         surge, sway, yaw, coupled = self.base[:4]
         return np.array([[surge, 0.0, 0.0], [0.0, sway, coupled], [0.0, coupled, yaw]])
 
-    def effect_values(self, effect_id: str) -> Values | None:
-        """Parameter values of the effect with this id, in whatever form; None without it."""
-        return next((one.values for one in self.effects if one.effect.id == effect_id), None)
-
     @property
     def current(self) -> tuple[float, float]:
         """Current to north and to east in m/s; zeros without one."""
@@ -172,8 +168,9 @@ class PlanarModel:
 
         Speeds without a velocity log come from the positions: they are those of the antenna.
         """
-        (x, _), (_, y) = (self.place_of(one if one in sensors else "north") for one in ("sway_velocity", "surge_velocity"))
-        return x, y, *self.place_of("north")
+        antenna, log = map(self.place_of, ("north", "surge_velocity"))
+        x, y = (log if name in sensors else antenna for name in ("sway_velocity", "surge_velocity"))
+        return x[0], y[1], *antenna
 
     @property
     def of_vehicle(self) -> Self:
@@ -205,7 +202,8 @@ class PlanarModel:
                 numbers[first : first + 2] = one.parameters
         for at, rudder in enumerate(self.rudders):
             first = RUDDER_INDEX + RUDDER_COUNT * at
-            own = rudder.lift, rudder.stall, rudder.slipstream, rudder.straightening, rudder.asymmetry, rudder.resistance
+            of_flow = rudder.slipstream, rudder.straightening, rudder.asymmetry
+            own = rudder.lift, rudder.stall, *of_flow, rudder.resistance
             numbers[first : first + RUDDER_COUNT] = [*rudder.position, *(1.0 if one is None else one for one in own)]
         return numbers
 

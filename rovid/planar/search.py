@@ -23,6 +23,7 @@ from rovid.effects import PLANAR_FORMS, Effect
 from rovid.effects.base import SensorPlace, WaterCurrent
 from rovid.estimate.fisher_information import inverse_information
 from rovid.planar.dataset import PlanarData
+from rovid.planar.effect_fits import add_effect
 from rovid.planar.optimum import (
     Linearisation,
     PlanarOptimum,
@@ -202,9 +203,10 @@ class PlanarSearch:
         return self.fits[key]
 
     def _extend(self, fitted: PlanarOptimum, test: PlanarScoreTest) -> PlanarOptimum:
-        effect = test.effect
-        if isinstance(effect.acts, WaterCurrent):
+        if isinstance((effect := test.effect).acts, WaterCurrent):
             return self._with_current(fitted, test)
+        if isinstance(effect.acts, SensorPlace):
+            return add_effect(fitted, effect, self.data)
         coordinates, at = fitted.coordinates.with_effect(effect), fitted.coordinates.noise_begin
         likelihood, line = fitted.likelihood.with_coordinates(coordinates), self.line(fitted)
 
@@ -212,8 +214,7 @@ class PlanarSearch:
             return coordinates.projected(np.concatenate((fitted.x[:at], own, fitted.x[at:])))
 
         neutral = neutral_values(effect, test.start)
-        starts = [test.start, *(neutral + share * (test.start - neutral) for share in (0.3, 0.1))]
-        starts += effect.initial_values
+        starts = [*(neutral + share * (test.start - neutral) for share in (1.0, 0.3, 0.1)), *effect.initial_values]
         values = likelihood.values([point(one) for one in starts])
         start = point(starts[int(np.argmin(values))])
         begin = start[at : at + len(effect.parameters)]
@@ -294,7 +295,7 @@ class PlanarSearch:
             if test.gain >= max(least, _SHARE * tests[0].gain) and not alike:
                 groups.setdefault(test.effect.id, []).append(test)
         found, since = [], self.budget.clock()
-        # A place that rovid.toml lacks is tried first, with complete steps: causes imitate it.
+        # A place that rovid.toml lacks is tried first: causes imitate it.
         chosen = sorted(groups.values(), key=lambda group: not isinstance(group[0].effect.acts, SensorPlace))[:_CAUSES]
         for done, group in enumerate(chosen):
             if self.budget.skips(group[0].effect.id):
@@ -303,7 +304,6 @@ class PlanarSearch:
             forms = [test for test in group if not getattr(test.effect.acts, "wanders", False)]
             found += [self.extended(fitted, test) for test in forms[:_FORMS]]
         found = [one for one in found if not self.is_unresolved(one)]
-        found = [self.polish(one) if isinstance(one.effects[-1].acts, SensorPlace) else one for one in found]
         wandering = [test for test in tests if getattr(test.effect.acts, "wanders", False)]
         best = max(found, key=self.score, default=fitted)
         # A current wanders only where a constant one explains most.

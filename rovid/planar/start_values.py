@@ -26,6 +26,8 @@ _WIDTHS, _FEW_WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0), (2.0, 4.0, 8.0)
 _STALL = math.radians(35.0)
 # Currents of the search: speeds in shares of the RMS speed, and number of directions.
 _CURRENT_SHARES, _CURRENT_DIRECTIONS = (0.15, 0.4, 0.8, 1.5), 8
+# Places of sensors ahead or astern of the origin, in the usual radius of the turns.
+_PLACES = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28)
 # Most smoothed points of a regression, and of one that compares hulls.
 _MOST_POINTS, _FEW_POINTS = 3000, 600
 # Radius of gyration of a hull with a rudder in the rudder's lever: usual, and least of a regression that is believed.
@@ -47,6 +49,7 @@ class StartValues:
 
     model: PlanarModel
     current: tuple[float, float]  #: m/s to north and to east; zeros unless searched for.
+    place: float  #: m ahead of the origin, of the sensors of the speeds; zero unless searched for.
     #: ``force``, ``speed``, ``time``: (3,) typical sizes: RMS of the forces, RMS of the speeds, and time constants.
     force: FloatArray
     speed: FloatArray
@@ -65,7 +68,7 @@ def planar_rudders(data: dataset.PlanarData) -> tuple[RudderModel, ...]:
     return tuple(found)
 
 
-def start_values(data: dataset.PlanarData, *, with_current: bool) -> list[StartValues]:
+def start_values(data: dataset.PlanarData, *, with_current: bool, with_place: bool = False) -> list[StartValues]:
     """Starts of the fit by several widths of the smoothing, and by the prior if there is one, which is the last.
 
     Raises
@@ -75,7 +78,8 @@ def start_values(data: dataset.PlanarData, *, with_current: bool) -> list[StartV
     """
     axes, found = np.array(dataset.measured_axes(data.sensors)), []
     for runs in _smoothed(data, _WIDTHS):
-        start = _start(data, dataset.SmoothRun.stacked(runs, _MOST_POINTS), axes, with_current=with_current)
+        rows = dataset.SmoothRun.stacked(runs, _FEW_POINTS if with_place else _MOST_POINTS)
+        start = _start(data, rows, axes, with_current=with_current, with_place=with_place)
         if dataset.has_hidden_sway(data):
             slips = np.array([rudder.slipstream for rudder in start.model.rudders])
             every, rudders = np.ones(3, dtype=bool), start.model.rudders
@@ -140,23 +144,27 @@ def _with_sway(runs: Sequence[dataset.SmoothRun], start: StartValues) -> Iterato
         yield dataset.SmoothRun.stacked(guess, _FEW_POINTS)
 
 
-def _start(data: dataset.PlanarData, rows: dataset.SmoothRun, axes: BoolArray, *, with_current: bool) -> StartValues:
+def _start(
+    data: dataset.PlanarData, rows: dataset.SmoothRun, axes: BoolArray, *, with_current: bool, with_place: bool = False
+) -> StartValues:
     rudders = planar_rudders(data)
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
     if not speed[2] > 0.0 and not speed[:2].any():
         raise DataError("the vehicle does not move in these logs.", mend="Give logs of runs with commands.")
-    best, values, slipstreams, current = math.inf, np.zeros(0), np.zeros(len(rudders)), (0.0, 0.0)
-    currents = [(0.0, 0.0)]
+    best, values, slipstreams, current, place = math.inf, np.zeros(0), np.zeros(len(rudders)), (0.0, 0.0), 0.0
+    places, currents = [0.0], [(0.0, 0.0)]
+    if with_place and speed[2] > 0.0:
+        radius = math.hypot(speed[0], speed[1]) / float(speed[2])
+        places += [side * share * radius for share in _PLACES for side in (1.0, -1.0)]
     if with_current and axes[:2].all():
         size = math.hypot(speed[0], speed[1])
         angles = np.arange(_CURRENT_DIRECTIONS) * 2.0 * math.pi / _CURRENT_DIRECTIONS
         currents += [(size * s * math.cos(a), size * s * math.sin(a)) for s in _CURRENT_SHARES for a in angles]
-    for here in currents:
-        for slips in _slipstreams(rudders, rows):
-            residual, fitted = _regression(rows.in_current(*here), axes, rudders, slips)
-            if residual < best:
-                best, values, slipstreams, current = residual, fitted, slips, here
-    relative = rows.in_current(*current)
+    for ahead, here, slips in product(places, currents, _slipstreams(rudders, rows)):
+        residual, fitted = _regression(rows.from_place(ahead).in_current(*here), axes, rudders, slips)
+        if residual < best:
+            best, values, slipstreams, current, place = residual, fitted, slips, here, ahead
+    relative = rows.from_place(place).in_current(*current)
     lever = max((abs(rudder.position[0]) for rudder in rudders), default=0.0)
     base, force, time = _plausible(values[:BASE_COUNT], relative, axes, lever)
     speed = np.sqrt(np.mean(relative.speeds**2, axis=0))
@@ -166,7 +174,7 @@ def _start(data: dataset.PlanarData, rows: dataset.SmoothRun, axes: BoolArray, *
         for rudder, lift, slip in zip(rudders, values[BASE_COUNT:], slipstreams, strict=True)
     ]
     model = PlanarModel(base=base, rudders=tuple(found))
-    return StartValues(model=model, current=current, force=force, speed=speed, time=time, residual=best)
+    return StartValues(model=model, current=current, place=place, force=force, speed=speed, time=time, residual=best)
 
 
 def with_own_sizes(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptimum:
@@ -185,7 +193,7 @@ def with_own_sizes(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptim
     rows = dataset.SmoothRun.stacked(runs, _MOST_POINTS)
     _, force, time = _plausible(model.base, rows, np.ones(3, dtype=bool), 0.0)
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
-    start = StartValues(model=model, current=(0.0, 0.0), force=force, speed=speed, time=time, residual=0.0)
+    start = StartValues(model=model, current=(0.0, 0.0), place=0.0, force=force, speed=speed, time=time, residual=0.0)
     sizes = planar_sizes(data, start)
     coordinates = PlanarCoordinates.of(model, sizes, old.sensors, yaw_only=False)
     x = np.concatenate((coordinates.initial(model, ())[: old.noise_begin], best.x[old.noise_begin :]))

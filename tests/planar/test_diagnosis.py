@@ -15,7 +15,7 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations, Jacobian
 from rovid.planar.dataset import PlanarData, planar_data
-from rovid.planar.diagnosis import _agreeing, _contradicted, diagnose_planar
+from rovid.planar.diagnosis import _agreeing, _contradicted, _outweighed, diagnose_planar
 from rovid.planar.held_out import Gate, HeldOut
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
@@ -163,6 +163,16 @@ def test_a_cause_is_contradicted_where_the_likelihood_names_another() -> None:
     assert _contradicted([lag, hysteresis], [named("command_delay")]) == [hysteresis]
     # Without a cause by the likelihood, nothing contradicts.
     assert _contradicted([lag, hysteresis], []) == []
+
+
+def test_a_cause_in_the_place_of_a_better_one_that_failed_a_test_is_outweighed() -> None:
+    def gaining(effect: str, bic_gain: float, held_out_gain: float) -> Any:
+        return SimpleNamespace(effect=effect_named(effect), bic_gain=bic_gain, held_out_gain=held_out_gain)
+
+    damping, place = gaining("sway_yaw_damping", 40.0, 50.0), gaining("sensor_place:antenna", 90.0, 100.0)
+    assert _outweighed([damping], [place]) == [(damping, place)]
+    # A cause that fits better but predicts worse is no better cause, and another form of a cause is none.
+    assert _outweighed([damping], [gaining("current", 90.0, 30.0), gaining("sway_yaw_damping:lift", 90.0, 90.0)]) == []
 
 
 @pytest.mark.parametrize(("score", "expected"), [(59.0, "command_delay"), (20.0, "thruster_lag")])

@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from rovid.effects import effect_named
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.dataset import PlanarData
-from rovid.planar.effect_fits import place_entries, planar_candidates, proposed_places
+from rovid.planar.effect_fits import add_effect, place_entries, planar_candidates, proposed_places, with_hull_lift
 from rovid.planar.fit import fit_base
 from rovid.planar.free_runs import FreeRuns, simulate_planar
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import planar_sizes, start_values
-from tests.planar.vehicles import box_rov, campaign
+from tests.planar.vehicles import box_rov, campaign, torpedo
 
 PLACE = effect_named("sensor_place")
 
@@ -72,3 +73,25 @@ def test_speeds_from_positions_are_those_of_the_antenna() -> None:
     errors = runs.errors(model).error.reshape(-1, 3) / runs.usual
     # Speeds of the origin in their place are off by more than the usual speed.
     assert np.sqrt(np.mean(errors**2, axis=0)).max() < 0.1
+
+
+def test_a_regression_begins_near_the_place() -> None:
+    """A log ahead of the origin of a torpedo, whose sway and turn go together."""
+    truth = torpedo(3, place=(0.6, 0.0))
+    data = campaign(truth, runs=1, levels=10, hold=6.0, seed=3)
+    start = min(start_values(data, with_current=False, with_place=True), key=lambda one: one.residual)
+    # Places of the search are a factor of 2 apart.
+    assert 0.3 < start.place < 1.2
+    still = min(start_values(data, with_current=False), key=lambda one: one.residual)
+    assert start.residual < 0.3 * still.residual
+    assert still.place == 0.0
+
+
+@pytest.mark.slow
+def test_a_place_is_not_taken_for_the_lift_of_a_hull() -> None:
+    truth = torpedo(3, place=(0.6, 0.0))
+    data = campaign(truth, runs=1, levels=12, hold=5.0, seed=3)
+    base = with_hull_lift(fit_base(data), data)
+    assert not base.effects
+    estimate = add_effect(base, PLACE, data).effect_estimate(PLACE)
+    assert abs(estimate.value("sensor_place.x") - 0.6) < 4.0 * estimate.standard_error("sensor_place.x")  # fixed seed

@@ -71,7 +71,9 @@ def simulate(truth: Truth, commands: FloatArray, hold: float, start: FloatArray,
             delta, across = command[-1], v + at * r
             attack = np.clip(delta + np.arctan2(across, abs(u)), -truth.stall, truth.stall)
             side = lift * (u * u + across**2) * np.sin(attack)
-            total -= np.array([truth.resistance * side * np.sin(delta), side * np.cos(delta), at * side * np.cos(delta)])
+            total -= np.array(
+                [truth.resistance * side * np.sin(delta), side * np.cos(delta), at * side * np.cos(delta)]
+            )
         cosine, sine = np.cos(psi), np.sin(psi)
         ground = u * cosine - v * sine + truth.current[0], u * sine + v * cosine + truth.current[1]
         return np.concatenate(([r], inverse @ total, ground))
