@@ -39,8 +39,6 @@ _AT_WORK = 0.15
 # Share of the variance of a run's unexplained torque that is proportional to the angle, from which it is a spring's: a
 # hand moves the vehicle for a while alone.
 _SPRING = 0.9
-# Swing in steps of coarse readings, to which they toggle at rest at most: one step to each side, with a margin.
-_TOGGLED = 2.5
 # Time constants, and periods of the cut-off, of rest that stay next to a test; the rest shows the trim and the
 # disturbances. At an end of a run the rates are unknown for two periods: of less rest, nothing would be known.
 _KEPT, _KEPT_PERIODS = 3.0, 10.0
@@ -192,9 +190,7 @@ def _detect_decays(data: TrialData) -> Iterator[Detection[TrialData]]:
     trial = data.trial
     if trial.has_actuators or not trial.axis.self_righting:
         return
-    # Coarse readings toggle by one step to each side at rest.
-    toggled = _TOGGLED * resolution(trial.position[trial.measured])
-    releases = [rows for rows in find_releases(trial) if np.ptp(trial.position[rows][trial.measured[rows]]) > toggled]
+    releases = find_releases(trial)
     if len(releases) < 2:
         return
     begins = [float(trial.time[rows][0]) for rows in releases]

@@ -8,6 +8,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import shortened_list
+from rovid.trial.rates import white_noise
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -81,6 +82,9 @@ _COARSE = {True: np.deg2rad(1.5), False: 0.1}
 # Share of the largest tilt below which the vehicle counts as at rest.
 _AT_REST = 0.05
 _MIN_HALF_SWINGS = 4
+# Smallest swing from peak to peak: in steps of coarse readings, which toggle at rest by one step to each side, and in
+# standard deviations of the noise, of which 100 000 readings reach 8.8.
+_TOGGLED, _NOISY = 2.5, 9.0
 # Share of the largest tilt that a tilt held by hand exceeds. A free cosine falls to it in 0.4 of the time that it takes
 # from there to the middle, a swing of 90 deg in 0.5: with more than this ratio the vehicle was held. Decisions.
 _LET_GO, _HELD = 0.9, 0.55
@@ -252,10 +256,12 @@ def coarse_text(trials: Sequence[Trial]) -> str:
 def find_releases(trial: Trial) -> list[slice]:
     """Rows of each free swing: from a largest tilt until the swings grow again or are cut short by hand.
 
-    A tilt that is held before the release is left out.
+    A tilt that is held before the release is left out, and so are the noise and the steps of readings at rest.
     """
     known = np.flatnonzero(trial.measured)
-    tilt = trial.position[known] - np.median(trial.position[known])
+    position = trial.position[known]
+    tilt = position - np.median(position)
+    least = max(_TOGGLED * resolution(position), _NOISY * white_noise(position))
     swings = _half_swings(tilt)
     peaks = [begin + int(np.argmax(np.abs(tilt[begin:end]))) for begin, end in swings]
     # A wrong level makes one side larger than the other, so each half swing is compared with those on its own side.
@@ -264,7 +270,7 @@ def find_releases(trial: Trial) -> list[slice]:
     k = 0
     while k < len(peaks):
         first, k = k, _end_of_decay(sizes, k)
-        if k - first >= _MIN_HALF_SWINGS:
+        if k - first >= _MIN_HALF_SWINGS and np.ptp(tilt[peaks[first:k]]) > least:
             begin = _let_go(trial.time[known], np.abs(tilt), peaks[first], swings[first][1])
             found.append(slice(int(known[begin]), int(known[peaks[k - 1]]) + 1))
     return found

@@ -29,7 +29,7 @@ from rovid.model.model import Model
 from rovid.trial.axis import AXES
 from rovid.trial.preprocessing import Run, prepare
 from rovid.trial.rates import compute_rates
-from rovid.trial.segments import find_releases
+from rovid.trial.segments import find_releases, swing_period
 from rovid.trial.tables import read_table
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
@@ -274,6 +274,15 @@ def test_a_tilt_held_before_the_release_is_left_out(seconds: float) -> None:
     assert count - 2 <= part.start < count + 12  # at 90 % of the tilt at the latest
     (alone,) = find_releases(log_of(free))
     assert alone.start == 0
+
+
+@pytest.mark.parametrize("step", [0.0, 0.02])
+def test_readings_at_rest_are_no_release(step: float) -> None:
+    """Their noise, or the steps between which they toggle, would swing with a period of their own."""
+    noise = np.random.default_rng(7).normal(0.0, 1e-3, 67)
+    tilt = 0.2 + (step * np.rint(noise / 2e-3) if step else noise)
+    assert find_releases(log_of(tilt)) == []
+    assert np.isnan(swing_period(log_of(tilt)))
 
 
 def test_swings_that_are_held_up_end_a_release() -> None:
