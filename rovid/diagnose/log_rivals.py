@@ -110,9 +110,16 @@ def _by_one_clock(
     report: ProgressCallback,
 ) -> Diagnosis:
     """The ``diagnosis`` without a clock offset, repeated by the ``majority`` of logs with corrected clocks."""
+
+    def as_stamped() -> Diagnosis:
+        report("Repeating the diagnosis with the clocks as logged …")
+        return _without_offset(majority(replace(prepared, clocks_agree=True)), prepared.items)
+
     if prepared.clocks_agree:
         return diagnosis
     offset = _clock_offset(diagnosis.findings)
+    if _is_undone(offset, diagnosis.findings):
+        return as_stamped()
     lead = math.inf if offset is None else _size(offset, "lead")[0]
     long = [run.trial for run in prepared.items if run.trial.duration > 2.0 * lead]
     if not long:
@@ -124,7 +131,10 @@ def _by_one_clock(
         Campaign(trials=trials, sources=()), vehicle, cutoff=min(prepared.cutoff, highest_cutoff(trials))
     )
     report("Repeating the diagnosis with the clocks corrected …")
-    return _without_offset(majority(corrected), prepared.items, offset, f"The commands were moved by it.{left_out}")
+    diagnosis = majority(corrected)
+    if _is_undone(offset, diagnosis.findings):
+        return as_stamped()
+    return _without_offset(diagnosis, prepared.items, offset, f"The commands were moved by it.{left_out}")
 
 
 def _clock_offset(findings: Sequence[Finding]) -> Finding | None:
@@ -169,6 +179,15 @@ def _without_offset(
         if suspects:
             verdict = "suspected"
     return replace(diagnosis, verdict=verdict, findings=tuple(findings), suspects=tuple(suspects), faults=tuple(faults))
+
+
+def _is_undone(offset: Finding | None, findings: Sequence[Finding]) -> bool:
+    """Whether a command delay takes the ``offset`` back: the stamps are right, and the pair only smooths the commands."""
+    if offset is None:
+        return False
+    lead, lead_error = _size(offset, "lead")
+    delays = [_size(finding, "delay") for finding in findings if is_delay(finding.effect, _COMMAND_DELAY)]
+    return any(lead - delay < _CERTAIN * math.hypot(error, lead_error) for delay, error in delays)
 
 
 def _is_scatter(finding: Finding, offset: Finding) -> bool:

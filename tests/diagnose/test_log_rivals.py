@@ -84,6 +84,27 @@ def test_stamps_that_are_late_by_chance_are_no_delay(delay: float, kept: bool) -
     assert ("scatters by" in fault.text) != kept
 
 
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize(("delay", "moved"), [(0.2, True), (0.41, False), (0.6, False)])
+def test_an_offset_that_a_delay_takes_back_moves_no_commands(
+    *, first: bool, delay: float, moved: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Offset and delay of one size smooth the commands: the stamps are right. The delay may follow the move."""
+    offset, late = finding(CLOCKS_APART, [0.4]), finding(command_delay.FORMS[1], [delay, 1.0])
+    answers = [Diagnosis(verdict="found", findings=(offset, late)), Diagnosis(verdict="found", findings=(late,))]
+    if not first:
+        answers[0] = Diagnosis(verdict="found", findings=(offset,))
+
+    def answer(prepared: PreparedRuns, *_: object) -> Diagnosis:
+        return Diagnosis(verdict="nothing_found") if prepared.clocks_agree else answers.pop(0)
+
+    monkeypatch.setattr(log_rivals, "diagnose_majority", answer)
+    prepared = PreparedRuns(items=tuple(day("small", 0)), cutoff=1.0, chosen=True, remarks=())
+    result = _diagnose(prepared, VEHICLE, lambda _: None, Budget())
+    assert (result.verdict, result.findings) == ("nothing_found", ())
+    assert [fault.fault for fault in result.faults] == (["clocks_apart"] if moved else [])
+
+
 @pytest.mark.parametrize("established", [True, False])
 def test_an_offset_that_was_not_corrected_leaves_the_error_unexplained(*, established: bool) -> None:
     offset = finding(CLOCKS_APART, [0.4])
