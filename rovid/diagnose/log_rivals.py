@@ -118,7 +118,7 @@ def _by_one_clock(
     if prepared.clocks_agree:
         return diagnosis
     offset = _clock_offset(diagnosis.findings)
-    if _is_undone(offset, diagnosis.findings):
+    if offset and _is_undone(offset, diagnosis.findings):
         return as_stamped()
     lead = math.inf if offset is None else _size(offset, "lead")[0]
     long = [run.trial for run in prepared.items if run.trial.duration > 2.0 * lead]
@@ -132,7 +132,7 @@ def _by_one_clock(
     )
     report("Repeating the diagnosis with the clocks corrected …")
     diagnosis = majority(corrected)
-    if _is_undone(offset, diagnosis.findings):
+    if offset and _is_undone(offset, diagnosis.findings):
         return as_stamped()
     return _without_offset(diagnosis, prepared.items, offset, f"The commands were moved by it.{left_out}")
 
@@ -152,7 +152,8 @@ def _without_offset(
     every = [finding for finding in both if finding.effect is not CLOCKS_APART]
     possible, faults = _clock_offset(both), list(diagnosis.faults)
     if (offset := moved or possible) is not None:
-        scatter = [finding for finding in every if _is_scatter(finding, offset)]
+        # A delay that leaves the commands ahead of their stamps: stamps that are late by chance, and no delay.
+        scatter = [finding for finding in every if _lateness(finding, offset) > -_CERTAIN]
         every = [finding for finding in every if finding not in scatter]
         if scatter:
             size = plus_minus(*_size(scatter[0], "delay"))
@@ -181,21 +182,17 @@ def _without_offset(
     return replace(diagnosis, verdict=verdict, findings=tuple(findings), suspects=tuple(suspects), faults=tuple(faults))
 
 
-def _is_undone(offset: Finding | None, findings: Sequence[Finding]) -> bool:
-    """Whether a command delay takes the ``offset`` back: the stamps are right, and the pair only smooths the commands."""
-    if offset is None:
-        return False
-    lead, lead_error = _size(offset, "lead")
-    delays = [_size(finding, "delay") for finding in findings if is_delay(finding.effect, _COMMAND_DELAY)]
-    return any(lead - delay < _CERTAIN * math.hypot(error, lead_error) for delay, error in delays)
+def _is_undone(offset: Finding, findings: Sequence[Finding]) -> bool:
+    """Whether a command delay takes the ``offset`` back: the stamps are right, and the two only smooth the commands."""
+    return any(_lateness(finding, offset) < _CERTAIN for finding in findings)
 
 
-def _is_scatter(finding: Finding, offset: Finding) -> bool:
-    """Whether a command delay leaves the commands ahead of their stamps: stamps that are late by chance, no delay."""
+def _lateness(finding: Finding, offset: Finding) -> float:
+    """What a command delay leaves of the lateness of the stamps, in standard errors; NaN for another cause."""
     if not is_delay(finding.effect, _COMMAND_DELAY):
-        return False
+        return math.nan
     (delay, error), (lead, lead_error) = _size(finding, "delay"), _size(offset, "lead")
-    return delay - lead < _CERTAIN * math.hypot(error, lead_error)
+    return (lead - delay) / math.hypot(error, lead_error)
 
 
 def _size(finding: Finding, parameter: str) -> tuple[float, float]:

@@ -6,7 +6,7 @@ inertia is possible then, the commands and the curve are of different units.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -38,8 +38,17 @@ _LEAST_RATIO, _USUAL_RATIO, _LARGEST_RATIO = 1.0, 1.5, 4.0
 _QUICK_LIMIT, _FIT_LIMIT = 0.6, 0.8
 # Ratio above which a mass near the middle may explain it: with 0.7 of the radius of gyration of a box.
 _OF_A_BOX = 0.5
-# Ratio above which no water explains the inertia: five times the largest published one. Degrees in a radian.
-_IMPOSSIBLE, _DEGREES = 20.0, 57.2958
+# Ratio above which no water explains the inertia: five times the largest published one. Factors that bring it back, by
+# whether the axis is angular.
+_IMPOSSIBLE, _RADIANS = 20.0, 1.0 / 57.2958
+_TOO_LARGE = {
+    True: {
+        _RADIANS: "radians that are taken for degrees",
+        1e-2: "an arm in cm that is taken for m",
+        1e-3: "an arm in mm that is taken for m, or a mass in t",
+    },
+    False: {1e-2: "m that are taken for cm", 1e-3: "m that are taken for mm, or a mass in t"},
+}
 # Largest share of the curve that commands of another, smaller unit use: volts of a curve in percent use a half at most.
 _SMALL_PART = 0.5
 _WRONG = " A unit is wrong: "
@@ -159,7 +168,7 @@ def _fault(
     if reference is None or not 0.0 < inertia + _SIGNIFICANT * (error or 0.0) < limit * reference:
         return None
     ratio, others = inertia / reference, causes()
-    fitting = [factor for factor in _UNITS if _LEAST_RATIO < ratio * factor < _LARGEST_RATIO]
+    fitting = _fitting(ratio, _UNITS)
     causes_text = "; or ".join((*others, *(_UNITS[factor] for factor in fitting))) or "check the thrust"
     text = (
         f"{_inertia_text(inertia, vehicle, reference)}{_CAUSES if others else _WRONG}{causes_text}. "
@@ -167,13 +176,13 @@ def _fault(
     )
     if ratio > _OF_A_BOX and vehicle.axis.angular:
         text += " A mass that is near the middle has less than that of a box: then enter rigid_body_inertia."
-    return Fault(
-        fault="thrust_unit",
-        logs=(),
-        text=text,
-        size=min(fitting, key=lambda factor: abs(math.log(ratio * factor / _USUAL_RATIO)), default=1.0 / ratio),
-        stops=True,
-    )
+    return Fault(fault="thrust_unit", logs=(), text=text, size=next(iter(fitting), 1.0 / ratio), stops=True)
+
+
+def _fitting(ratio: float, factors: Iterable[float]) -> list[float]:
+    """The ``factors`` that make the ``ratio`` of the inertia a possible one, first the one to the most usual ratio."""
+    possible = [factor for factor in factors if _LEAST_RATIO < ratio * factor < _LARGEST_RATIO]
+    return sorted(possible, key=lambda factor: abs(math.log(ratio * factor / _USUAL_RATIO)))
 
 
 def _inertia_text(inertia: float, vehicle: Vehicle, reference: float) -> str:
@@ -189,14 +198,15 @@ def _inertia_text(inertia: float, vehicle: Vehicle, reference: float) -> str:
 def _too_large(inertia: float, vehicle: Vehicle, reference: float, others: Sequence[str]) -> Fault:
     """An inertia that no body of water explains: rates that are too small, or a thrust that is too large."""
     ratio = inertia / reference
-    is_scaled = vehicle.axis.angular and _LEAST_RATIO < ratio / _DEGREES < _LARGEST_RATIO
-    cause = "radians that are taken for degrees" if is_scaled else "the unit of thrust, of time, or of the motion"
+    units = _TOO_LARGE[vehicle.axis.angular]
+    fitting = _fitting(ratio, units)
+    named_units = "; or ".join(units[factor] for factor in fitting) or "the unit of thrust, of time, or of the motion"
     text = (
-        f"{_inertia_text(inertia, vehicle, reference)}{_WRONG}{'; or '.join((cause, *others))}. Check the units in "
-        "rovid.toml, mass and size."
+        f"{_inertia_text(inertia, vehicle, reference)}{_WRONG}{'; or '.join((named_units, *others))}. Check the units "
+        "in rovid.toml, mass and size."
     )
-    fault = "scaled_heading" if is_scaled else "thrust_unit"
-    return Fault(fault=fault, logs=(), text=text, size=_DEGREES if is_scaled else ratio, stops=True)
+    fault = "scaled_heading" if fitting[:1] == [_RADIANS] else "thrust_unit"
+    return Fault(fault=fault, logs=(), text=text, size=1.0 / next(iter(fitting), 1.0 / ratio), stops=True)
 
 
 DETECTORS: Detectors = {"runs": (_detect,)}

@@ -76,12 +76,23 @@ def test_a_fit_is_refused_only_where_its_error_leaves_no_doubt() -> None:
     assert inertia_fault(10.0, 0.1, guessed) is None
 
 
-@pytest.mark.parametrize(("ratio", "fault"), [(57.2958 * 1.5, "scaled_heading"), (30.0, "thrust_unit")])
-def test_an_inertia_that_no_water_explains_stops(ratio: float, fault: str) -> None:
+@pytest.mark.parametrize(
+    ("ratio", "fault", "size", "causes"),
+    [
+        (57.2958 * 1.5, "scaled_heading", 57.2958, ["radians that are taken for degrees"]),
+        (180.0, "thrust_unit", 100.0, ["an arm in cm", "radians that are taken for degrees"]),
+        (1500.0, "thrust_unit", 1000.0, ["an arm in mm", "a mass in t"]),
+        (30.0, "thrust_unit", 30.0, ["the unit of thrust"]),
+    ],
+)
+def test_an_inertia_that_no_water_explains_stops(ratio: float, fault: str, size: float, causes: list[str]) -> None:
+    """Every unit that explains it is named."""
     vehicle = replace(LOGGED, rigid_body_inertia=100.0)
     found = inertia_fault(100.0 * ratio, 1.0, vehicle)
     assert found is not None
     assert (found.fault, found.stops) == (fault, True)
+    assert found.size == pytest.approx(size)
+    assert all(cause in found.text for cause in causes)
     assert inertia_fault(100.0 * ratio, 100.0 * ratio, vehicle) is None
 
 
