@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -35,10 +36,16 @@ def excited(truth: Truth, *, substep: int = SUBSTEP) -> Motion:
     return move(truth, *excitation(truth), duration=36.0 * (truth.pace or 1.0), substep=substep)
 
 
+@functools.cache
+def unhidden(*, leaning: bool = False) -> Motion:
+    """The small vehicle with nothing hidden; ``leaning``: quiet, in roll and pitch."""
+    return excited(replace(quiet(SMALL), attitude=Attitude()) if leaning else SMALL)
+
+
 @pytest.mark.parametrize(("effect", "form"), LAWS)
 def test_null_size_changes_nothing_at_all(effect: str, form: str) -> None:
     (one,) = strong(SMALL, effect, form).hidden
-    plain, nulled = excited(SMALL), excited(replace(SMALL, hidden=(one.nulled(),)))
+    plain, nulled = unhidden(), excited(replace(SMALL, hidden=(one.nulled(),)))
     assert (plain.heading == nulled.heading).all()
     assert (plain.roll == nulled.roll).all()
 
@@ -54,7 +61,7 @@ def test_what_is_hidden_goes_to_nothing_with_its_size_and_is_seen_when_strong(ef
     leaning = replace(truth, attitude=Attitude())
     full = case.of(leaning)
     tiny = replace(leaning, hidden=(replace(one, parameters={**one.parameters, law.size: small}),))
-    base = excited(leaning).heading
+    base = unhidden(leaning=True).heading
     seen, little = (
         float(np.max(np.abs(np.degrees(deviated(excited(truth).heading, truth) - base)))) for truth in (full, tiny)
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import functools
 import hashlib
 import itertools
 import os
@@ -49,7 +48,6 @@ _TIMEOUT = 180.0  # s; enough for a large page on a busy machine
 _MADE_BY = re.compile(rb"/(Creator|Producer) \(((?:\\.|[^\\()])*)\)")
 
 
-@functools.cache
 def template_environment(*packages: str) -> Environment:
     """An environment that looks for templates in ``packages``, then among those of the report."""
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
