@@ -104,6 +104,11 @@ class SignalData:
     clipped: bool = False  #: Whether clipped readings were left out.
     measured: bool = True  #: Whether this signal measures the motion that the model explains.
     unknown: Intervals = ()  #: s, between which neither this signal nor the commands are logged.
+    logged: FloatArray = field(default_factory=lambda: np.zeros(0))  #: s of all readings, those left out included.
+
+    def __post_init__(self) -> None:
+        if not self.logged.size:
+            object.__setattr__(self, "logged", self.time)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -22,6 +22,7 @@ def test_a_clipped_heading_is_left_out(seed: int, tmp_path: Path) -> None:
     (fault,) = found(trial, "saturated_sensor")
     assert fault.size == pytest.approx(np.deg2rad(bound), abs=1e-5)
     assert trial.measured.sum() == np.count_nonzero(heading < np.round(bound, 4))
+    assert not found(trial, "heading_gaps")  # They were logged.
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
