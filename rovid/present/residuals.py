@@ -29,6 +29,8 @@ from rovid.trial.vehicle import Vehicle
 _SEGMENT, _SHORTEST = 1024, 64
 # Bins of means over a driver, and points of a smooth curve.
 _DRIVER_BINS, _CURVE = 32, 300
+# Smallest distance of two points of a curve, as a share of its length; convention.
+_APART = 1e-6
 # Share of the missing torque by which a driver has to exceed a simpler one, and the least that it has to explain.
 _BETTER, _FOLLOWS = 0.02, 0.5
 
@@ -277,6 +279,9 @@ def white_band(items: Sequence[ResidualTorque], cutoff: float) -> float:
 
 def _smooth_curve(driver: FloatArray, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
     """A curve without overshoot through ``mean`` (piecewise cubic Hermite; Fritsch and Carlson 1980)."""
+    # Values that a held command gives differ by rounding only, and may fill several bins.
+    apart = np.diff(driver, prepend=-np.inf) > _APART * (driver[-1:] - driver[:1]).sum()
+    driver, mean = driver[apart], mean[apart]
     if len(driver) < 2:
         return driver, mean
     from scipy.interpolate import PchipInterpolator

@@ -18,6 +18,7 @@ from rovid.present.report_data import ReportData
 from rovid.present.residuals import (
     MissingTorque,
     ResidualTorque,
+    _smooth_curve,
     autocorrelation,
     bin_means,
     missing_without,
@@ -88,6 +89,16 @@ def test_means_of_few_samples_are_not_shown() -> None:
     driver = np.concatenate((np.zeros(4_000), [1.0]))
     assert bin_means(driver, np.zeros(4_001), 16, 3)[0].tolist() == [0.0]
     assert bin_means(np.ones(100), np.ones(100))[0].size == 0
+
+
+def test_a_curve_goes_through_bins_that_differ_by_rounding_only() -> None:
+    """A held command gives one torque; its mean in two bins may even decrease."""
+    held = 494.96388
+    driver = np.array([0.0, held, np.nextafter(held, 0.0), 500.0])
+    smooth, curve = _smooth_curve(driver, np.array([1.0, 2.0, 2.5, 3.0]))
+    assert np.all(np.diff(smooth) > 0.0)
+    assert (curve[0], curve[-1]) == (1.0, 3.0)
+    assert np.interp(held, smooth, curve) == pytest.approx(2.0, abs=0.01)
 
 
 def test_white_noise_stays_in_its_band(day: ReportData) -> None:
