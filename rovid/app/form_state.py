@@ -14,7 +14,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import NAME_LENGTH, ConfigError
 from rovid.preflight.log_survey import LogSurvey, UserOverrides, all_commands
 from rovid.preflight.raw_columns import RawColumn, SignalGuess
-from rovid.trial.axis import TIME_UNITS
+from rovid.trial.axis import TIME_UNITS, meant_signal
 from rovid.trial.cutting import Exclusion
 
 
@@ -179,7 +179,9 @@ def _signals(group: Mapping[str, Any]) -> dict[str, SignalGuess]:
     for name, one in group.items():
         sign = -1 if one.get("sign", 1) < 0 else 1
         unit = _text(one.get("unit") or "")
-        signals[_text(name)] = SignalGuess(source=_text(one["source"]), unit=unit, sign=sign, reason="")
+        # A further channel that is carried along must not look like a misspelt signal.
+        named = _text(name) + "_column" * bool(meant_signal(name))
+        signals[named] = SignalGuess(source=_text(one["source"]), unit=unit, sign=sign, reason="")
     return signals
 
 

@@ -47,7 +47,11 @@ def check(logs: list[Path], *, shared: SharedOptions) -> None:
     planar = context.is_planar(shared)
     from rovid.api.records import check_record
     from rovid.trial.config import find_config, load_config, load_planar_config
+    from rovid.trial.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table
 
+    if table := find_table(logs, STEADY_COLUMNS) or find_table(logs, SINE_COLUMNS):
+        text = "is a table of steady turns or of sines. Tables need no heading and no [signals]; only logs are checked."
+        raise DataError(text, where=table, mend="Go on with `rovid fit-drag` or `rovid diagnose` and the same folder.")
     if planar:
         from rovid.preflight.planar_check import check_planar
         from rovid.store.planar_study import planar_prior

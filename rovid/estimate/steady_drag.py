@@ -209,9 +209,11 @@ def _parameter_warnings(estimate: Estimate) -> Iterator[str]:
         if name in estimate.refused or value == 0.0 or estimate.differs_from_zero(name):
             continue
         error, (low, high) = estimate.standard_error(name), estimate.interval(name)
+        other = "slower" if name == "linear_drag" else "faster"
         yield (
             f"{name} is not significantly different from zero: {plus_minus(value, error)} {estimate.unit(name)}, 95 % "
-            f"interval {round_to_error(low, error)} to {round_to_error(high, error)}. Run slower holds."
+            f"interval {round_to_error(low, error)} to {round_to_error(high, error)}. Steady states alone need {other} "
+            "holds; the fit of whole logs may need another run (`rovid plan`)."
         )
 
 

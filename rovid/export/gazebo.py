@@ -18,12 +18,14 @@ the whole added-mass matrix and full linear damping, all through the water.
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import display_text, shortened_list
 from rovid.core.formatting import TextTemplates, identifiers, xml_attribute, xml_comment
 from rovid.core.output_files import export_mark
 from rovid.effects.actuator_inputs import actuator_inputs
@@ -36,8 +38,8 @@ from rovid.trial.trial import Trial
 _TEXTS = TextTemplates(__file__, "gazebo")
 
 _NEWTONS = (
-    "Thruster takes newtons, on the topic /model/MODEL/joint/NAME_joint/cmd_thrust: convert commands by the curves in "
-    "the comments, which hold the effects of the curve."
+    "Thruster takes newtons, on the topics {}: convert commands by the curves in the comments, which hold the effects "
+    "of the curve."
 )
 # s, integration steps of gz-sim with DART (semi-implicit Euler) and of VRX's worlds.
 _GZ_STEP, _VRX_STEP = 0.001, 0.004
@@ -140,7 +142,7 @@ def _model(
     notes: Sequence[str],
 ) -> ExportResult:
     """An SDF model with one link, its thrusters, ``added`` masses, and ``terms`` of the hydrodynamics of ``name``."""
-    units, thrusters = [], ""
+    units, thrusters, topics = [], "", []
     vehicle, _ = subject.thrusters
     names = [one.name for one in vehicle.thrusters]
     for unit in subject.units:
@@ -148,6 +150,7 @@ def _model(
         units.append(_with_deadband(unit, band))
         if unit.curve.side or isinstance(subject, PlanarInput):
             place, direction = unit.flu
+            topics.append(_topic(vehicle.name, unit.curve.identifier))
             thrusters += _TEXTS["thruster"].format(
                 comment=curve_comment(unit.curve),
                 name=unit.curve.identifier,
@@ -178,8 +181,14 @@ def _model(
         simulate=simulation(subject, equation, units),
         equation=equation,
         kept_effects=subject.curve_keys,
-        notes=(sinks, *subject.frame_notes, _NEWTONS, *notes),
+        notes=(sinks, *subject.frame_notes, *[_NEWTONS.format(shortened_list(topics))] * bool(topics), *notes),
     )
+
+
+def _topic(model: str, thruster: str) -> str:
+    """Topic of the thrust in N, with the characters that Gazebo's `TopicUtils::AsValidTopic` allows."""
+    topic = f"/model/{display_text(model)}/joint/{thruster}_joint/cmd_thrust"
+    return re.sub("@|~|//|:=", "", topic.replace(" ", "_"))
 
 
 def _deadband_thrust(subject: ExportInput | PlanarInput, index: int) -> float:

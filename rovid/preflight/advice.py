@@ -22,7 +22,7 @@ from rovid.trial.axis import Axis
 from rovid.trial.fault import FaultOverrides
 from rovid.trial.preprocessing import Run, prepare
 from rovid.trial.segments import Hold, SineRun, coarse_text, find_holds, find_sines
-from rovid.trial.trial import Campaign, Trial
+from rovid.trial.trial import Campaign, Trial, merged_remarks
 from rovid.trial.vehicle import Vehicle
 
 Weight = Literal["grave", "care", "aside"]
@@ -83,6 +83,7 @@ def advise(
     if vehicle.assumptions:
         text = f"Measure {vehicle.assumptions.listing}, and put it into rovid.toml, in place of a guess."
         found.append(Advice(kind="guessed", text=text))
+    found += cut_logs(trials)
     found += joined_clocks(clocks) if clocks else ()
     if text := all_reversed(thrusters, vehicle.axis):
         found.append(Advice(kind="thruster", text=text, weight="grave"))
@@ -100,6 +101,12 @@ def advise(
 
 
 # ---- deficiencies of the logs
+
+
+def cut_logs(trials: Sequence[Trial]) -> Iterator[Advice]:
+    """Logs whose end, or a part, is lost."""
+    for text in merged_remarks(trials, ("truncated", "damaged")):
+        yield Advice(kind="truncated", text=f"{text} If the recorder still has the whole file, copy it again.")
 
 
 def joined_clocks(clocks: ClockOffsets) -> Iterator[Advice]:

@@ -20,7 +20,7 @@ from rovid.planar.dataset import (
     slowest_interval,
     smooth_run,
 )
-from rovid.preflight.advice import Advice
+from rovid.preflight.advice import Advice, cut_logs
 from rovid.preflight.check import read_each_log, verdict_of
 from rovid.preflight.planar_sensors import CORRELATED, SCALES, SensorLag, sensor_lags, wrong_entries
 from rovid.readers.campaign import examine_campaign
@@ -112,7 +112,7 @@ def check_planar_trials(
     smooth = _smoothed(data)
     axes = tuple(_axes(data, smooth))
     wrong = list(wrong_entries(data))
-    advice: list[Advice] = []
+    advice = list(cut_logs(trials))
     if assumptions := config.vehicle.assumptions:
         text = f"Measure {assumptions.listing}, and put it into rovid.toml, where there is a guess."
         advice.append(Advice(kind="guessed", text=text))

@@ -206,6 +206,28 @@ SIGNAL_UNITS: Mapping[str, Mapping[str, float]] = {
 DEFAULT_UNIT = {name: next(iter(units)) for name, units in SIGNAL_UNITS.items()}
 DEFAULT_UNIT |= dict.fromkeys((name for name, units in SIGNAL_UNITS.items() if "rad/s" in units), "rad/s")
 
+
+def meant_signal(name: str) -> str:
+    """Known signal that ``name`` misspells by one letter, or abbreviates word by word; empty where it is another."""
+    words = name.split("_")
+    for known in (*SIGNAL_UNITS, "time", "supply_voltage"):
+        parts = known.split("_")
+        short = len(words) == len(parts) > 1 and all(
+            len(word) > 2 and part.startswith(word) for word, part in zip(words, parts, strict=True)
+        )
+        if short or _one_slip(name, known):
+            return known if name != known and not any(map(str.isdigit, name)) else ""
+    return ""
+
+
+def _one_slip(name: str, known: str) -> bool:
+    """Whether one letter more, less or other, or two exchanged, make ``known`` of ``name``."""
+    differ = (at for at in range(len(name)) if name[at] != known[at : at + 1])
+    at = next(differ, len(name))
+    one, other = name[at:], known[at:]
+    return other[1:] in {one, one[1:]} or other == one[1:] or other == one[1::-1] + one[2:]
+
+
 # Format -> signal -> (source, unit) that every log of the format has, so that [signals] need not name them.
 STANDARD_SOURCES: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "bin": {"heading": ("ATT.Yaw", "deg"), "roll": ("ATT.Roll", "deg"), "pitch": ("ATT.Pitch", "deg")},

@@ -21,6 +21,7 @@ from rovid.trial.axis import (
     YAW,
     Axis,
     Signal,
+    meant_signal,
     other_axes,
 )
 from rovid.trial.config_values import GUESSED, ConfigValues
@@ -179,6 +180,9 @@ class _Parser(ConfigValues):
         self.require_known(document, _TABLES, "top level")
         signals = {}
         for name, value in self.table(document, "signals").items():
+            if name not in SIGNAL_UNITS and (known := meant_signal(name)):
+                mend = f"Nearest: {known!r}. Give a further channel a name of its own."
+                raise self.error("[signals]", f"{name!r} is not known here.", mend)
             signals[self.name(name, f"[signals] {name}")] = self.signal(name, value, f"[signals] {name}")
         self.require_same_kind(signals)
         time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))

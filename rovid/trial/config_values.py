@@ -205,16 +205,18 @@ class ConfigValues:
         else:
             given = block["curve"]
             curve = given if isinstance(given, ThrustCurve) else read_curve(self.path.parent / str(given))
+        guessed = [key for key in ([constant] if constant else acts) if self.is_guessed(block, key, place)]
+        scale_key = constant if constant == "torque_constant" or self.planar else ""
         thruster = Thruster(
             name=name,
             clamp=outside == "clamp",
             arm=lever[arm_key] if arm_key in block or acts else 1.0,
             curve=curve,
-            scale_key=constant if constant == "torque_constant" or self.planar else "",
+            scale_key=scale_key or " and ".join(guessed) * self.planar,
             surge_share=lever["surge"],
             sway_share=lever["sway"] if self.planar else 0.0,
             position=self.place_of(block, place) if "position" in block else None,
-            arm_guessed=any(self.is_guessed(block, key, place) for key in ([constant] if constant else acts)),
+            arm_guessed=bool(guessed),
             curve_guessed=not constant and self.is_guessed(block, "curve", place),
         )
         pairs = [(thruster, self.signal(f"command.{name}", block["command"], f"{place} command"))]

@@ -1,7 +1,7 @@
 """Trials and campaigns as measured, in SI units and radians."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -270,11 +270,16 @@ class Campaign:
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:[.,:]\d+)*(?!\w)")
 
 
-def merged_remarks(trials: Sequence[Trial]) -> list[str]:
-    """Remarks on ``trials``; equal remarks are merged, led by the log with the largest count, with five others."""
+def merged_remarks(trials: Sequence[Trial], kinds: Collection[str] = ()) -> list[str]:
+    """Remarks on ``trials``, of these ``kinds`` if any are given.
+
+    Equal remarks are merged, led by the log with the largest count, with five others.
+    """
     groups: dict[tuple[str, str], list[tuple[Remark, str]]] = {}
     for trial in trials:
         for remark in trial.remarks:
+            if kinds and remark.kind not in kinds:
+                continue
             groups.setdefault((remark.kind, _NUMBER.sub("", remark.text)), []).append((remark, trial.name))
     texts = []
     for group in groups.values():

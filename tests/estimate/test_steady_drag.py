@@ -63,9 +63,17 @@ def test_paper_table_by_ordinary_least_squares() -> None:
     assert fit.r_squared == pytest.approx(0.9961, abs=5e-5)
     low, high = drag.interval("linear_drag")
     assert (low, high) == pytest.approx((-92, 298), abs=1)
-    assert any("linear_drag is not significantly different from zero" in text for text in drag.warnings)
+    (said,) = (text for text in drag.warnings if "linear_drag is not significantly different from zero" in text)
+    assert "need slower holds" in said
     # Without the fastest row: DQ 4158, DL 20, and that row is off by 13.8 N m.
     assert fit.left_out[-1] == pytest.approx([4158, 19.9, -13.8], rel=0.01)
+
+
+def test_faster_holds_are_asked_for_where_the_quadratic_drag_is_not_seen() -> None:
+    rates = (-0.03, -0.02, -0.01, 0.01, 0.02, 0.03)
+    drag = fit_drag([point(r, truth(r) + 0.3 * (-1) ** at, error=1e-4) for at, r in enumerate(rates)]).estimate
+    (said,) = (text for text in drag.warnings if "quadratic_drag is not significantly" in text)
+    assert "need faster holds" in said
 
 
 def test_torque_errors_are_known_for_logs_only() -> None:

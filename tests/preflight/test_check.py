@@ -12,6 +12,7 @@ import pytest
 
 from rovid.core.errors import DataError
 from rovid.preflight.check import check_logs, drag_without_feedback
+from rovid.present.terminal.check import check_notes, check_tasks
 from rovid.store.study import open_study
 from rovid.trial.axis import AXES
 from rovid.trial.config import Config, load_config
@@ -97,6 +98,26 @@ def test_a_bad_log_does_not_hide_the_others(tmp_path: Path) -> None:
     found = check_logs([tmp_path], wanted)
     assert [trial.name for trial, _ in found.rows] == ["hold_01.csv"]
     assert set(found.problems) == {"bad.csv"}
+
+
+def test_a_cut_log_is_said_first(tmp_path: Path) -> None:
+    """Once, with the task to copy the file again; the verdict is not "go"."""
+    settings = config(tmp_path, "hold_01.csv")
+    log = tmp_path / "hold_01.csv"
+    log.write_bytes(log.read_bytes()[:30_001])
+    found = check_logs([tmp_path], settings)
+    first = next(check_tasks(found))
+    assert first.startswith("hold_01.csv: The file ends in a last line of ")
+    assert first.endswith("copy it again.")
+    assert not any("a last line of" in text for text in check_notes(found))
+    assert found.verdict == "care"
+
+
+def test_tables_of_steady_turns_need_no_check(rovid: Rovid) -> None:
+    done = rovid("check", str(SAMPLES / "rosub_paper"))
+    assert done.code == 2
+    assert "Tables need no heading" in done.err
+    assert "rovid fit-drag" in done.err
 
 
 def test_a_log_of_two_seconds_is_one_message(tmp_path: Path, rovid: Rovid) -> None:

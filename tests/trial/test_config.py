@@ -11,7 +11,7 @@ import pytest
 
 from rovid.core.errors import ConfigError
 from rovid.trial.axis import AXES
-from rovid.trial.config import find_config, load_config
+from rovid.trial.config import find_config, load_config, load_planar_config
 from tests.conftest import SAMPLES
 
 GOOD = """
@@ -51,6 +51,12 @@ def test_marks_of_guesses_are_read(tmp_path: Path) -> None:
     assert (fore.arm_guessed, fore.curve_guessed, aft.arm_guessed) == (True, True, False)
     with pytest.raises(ConfigError, match=r"'fore' yaw_arm_guessed: is 'yes'; the guessed value of yaw_arm"):
         load_config(written(tmp_path, text.replace("yaw_arm_guessed = true", "yaw_arm_guessed = 'yes'")))
+
+
+def test_guessed_shares_of_the_coupled_model_are_named(tmp_path: Path) -> None:
+    lines = "surge = 0.7\nsurge_guessed = 0.7\nsway = 0.7\nsway_guessed = 0.7\nyaw_arm = 0.43"
+    config = load_planar_config(written(tmp_path, GOOD.replace("yaw_arm = 0.43", lines, 1)))
+    assert config.vehicle.assumptions.listing == "surge and sway of fore"
 
 
 @pytest.mark.parametrize(("arm", "guessed"), [("1.0", True), ("0.43", False)])
@@ -118,6 +124,9 @@ def test_a_logged_torque_takes_the_place_of_thrusters(tmp_path: Path) -> None:
         (GOOD[GOOD.index("heading = {") : GOOD.index('{ csv = "r"')], "course = ", "has no heading"),
         ("[signals]", '[signals]\ntorque = "T"', "is given in addition to [[thrusters]]"),
         ("[vehicle]", "[vehicles]", "'vehicles' is not known here. Nearest: 'vehicle'"),
+        ("[signals]", '[signals]\nsurge_vel = "u"', "'surge_vel' is not known here. Nearest: 'surge_velocity'"),
+        ("[signals]", '[signals]\nyaw_rtae = "u"', "'yaw_rtae' is not known here. Nearest: 'yaw_rate'"),
+        ("[signals]", '[signals]\nsuply_voltage = "u"', "Nearest: 'supply_voltage'"),
         ("[vehicle]", "[vehicle", "is not valid TOML"),
         ("[[thrusters]]", "[thrusters]", "TOML"),
     ],
@@ -128,6 +137,12 @@ def test_mistakes_are_told_with_their_place(old: str, new: str, words: str, tmp_
     with pytest.raises(ConfigError, match=re.escape(words)) as error:
         load_config(path)
     assert str(tmp_path) in str(error.value)
+
+
+def test_further_channels_may_have_names_near_a_signal(tmp_path: Path) -> None:
+    names = ("heading_2", "roll2", "depth_ahead", "surge", "yaw_rate_cmd", "rpm")
+    text = GOOD.replace("[signals]", "\n".join(["[signals]", *(f'{name} = "{name}"' for name in names)]), 1)
+    assert load_config(written(tmp_path, text)).signals.keys() >= set(names)
 
 
 def test_the_nearest_file_at_or_above_the_logs_is_taken(tmp_path: Path) -> None:

@@ -82,7 +82,10 @@ def check_notes(checked: LogCheck | PlanarCheck) -> list[str]:
     """Advice that asks for no action, and the remarks of the readers."""
     asides = [advice.text for advice in checked.advice if advice.weight == "aside"]
     trials = checked.trials if isinstance(checked, PlanarCheck) else [trial for trial, _ in checked.rows]
-    return [*asides, *merged_remarks(trials), *(remark.text for remark in checked.remarks)]
+    remarks = merged_remarks(trials)
+    # A lost part of a log is a task.
+    remarks = [text for text in remarks if not any(advice.text.startswith(text) for advice in checked.advice)]
+    return [*asides, *remarks, *(remark.text for remark in checked.remarks)]
 
 
 def check_tasks(checked: LogCheck | PlanarCheck) -> Iterator[str]:
