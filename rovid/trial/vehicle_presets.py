@@ -46,11 +46,15 @@ class VehiclePreset:
     sources: tuple[str, ...] = ()  #: References for the numbers.
 
     def label(self, words: set[str]) -> str:
-        """Thruster commanded by a column with these words in its name; empty if none."""
+        """Thruster commanded by a column with these words in its name; empty if none.
+
+        Where the type numbers its motors, another number is one of its motors without an arm.
+        """
         for label in self.arms:
             if label in words or words & SIDE_WORDS.get(label, frozenset()):
                 return label
-        return ""
+        numbered = all(map(str.isdigit, self.arms))
+        return next((word for word in sorted(words) if numbered and word.isdigit()), "")
 
 
 def preset_names() -> list[str]:

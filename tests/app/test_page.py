@@ -6,6 +6,7 @@ import contextlib
 import http.server
 import json
 import re
+import shutil
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ import rovid.app
 from rovid.trial.config import load_config
 from tests.app.conftest import logs_into, riddle
 from tests.app.served import Served, served
+from tests.conftest import SAMPLES
 from tests.preflight.test_drive_guess import boat
 from tests.present.chromium import find_chromium
 
@@ -182,6 +184,8 @@ def run(page: Page) -> None:
     headline(page, "Done: here is the report", _PATIENCE)
     report = page.frame_locator("#report-frame")
     report.locator("#summary-title").wait_for()
+    # The report scrolls, the page around it does not.
+    assert page.evaluate("document.documentElement.scrollHeight <= innerHeight")
     assert page.locator("#report-frame").get_attribute("sandbox") == "allow-scripts"
 
 
@@ -250,6 +254,22 @@ def test_a_cancelled_run_can_be_started_again(browser: Browser, tmp_path: Path) 
         page.locator("#run-said", has_text="Cancelled").wait_for()
         assert page.locator("#run-button").is_visible()
         assert not page.locator("#report").is_visible()
+
+
+@pytest.mark.slow
+def test_the_type_of_the_vehicle_answers_for_all_its_motors(browser: Browser, tmp_path: Path) -> None:
+    """Eight outputs, four of them vertical motors: one question, and one answer."""
+    top = tmp_path / "top"
+    (top / "day").mkdir(parents=True)
+    shutil.copy(SAMPLES / "bluerov2_pier59" / "dive.csv", top / "day")
+    with served(top, "day") as server, opened(browser, server) as page:
+        headline(page, "One question is open")
+        page.locator("#now-list button", has_text="Go there").first.click()
+        page.locator("#type:focus").select_option("bluerov2")
+        headline(page, "Go with care")
+        assert page.locator("#thruster-table tbody tr").count() == 4
+        show_step(page, "signals")
+        assert role(page, "pwm5_us").input_value() == ""
 
 
 @pytest.mark.slow

@@ -102,6 +102,7 @@ def test_a_type_is_found_however_it_is_spelt(asked: str) -> None:
 
 def test_thrusters_are_known_by_number_or_side() -> None:
     assert load_preset("bluerov2").label({"pwm", "3", "us"}) == "3"
+    assert load_preset("bluerov2").label({"pwm", "6", "us"}) == "6"  # a vertical motor, without an arm
     assert load_preset("heron").label({"stbd", "cmd"}) == "starboard"
     assert not load_preset("heron").label({"bow"})
 

@@ -20,6 +20,8 @@ let vehicle = "", title = "", size = {}, stretches = [], timeUnit = "auto";
 let draft = null, checked = null, saved = false, running = false;
 // While rovid guesses from all logs, the user may change a column: `given` has those columns, null for an unused one.
 let guessing = false, given = new Map();
+// Whether the user has chosen a type of vehicle, and no draft has come since.
+let newType = false;
 // Rudder -> its coefficient, or the wheelbase of steered wheels, as the user gave it.
 let rudders = {};
 // Logs of this size in bytes are read as a whole before the first plot; of larger ones, the first log is read ahead.
@@ -180,6 +182,15 @@ function choice({ asGuessed = false, of = logs } = {}) {
 async function refresh({ asGuessed = false, of = undefined, signal = undefined } = {}) {
   draft = await ask("draft", { body: choice({ asGuessed, of }), signal });
   const { signals, commands } = draft.survey;
+  if (newType && vehicle) {
+    // Motors that do not turn a vehicle of this type become unused, unless the user chose them.
+    const idle = Object.entries(commands).flatMap(([kind, those]) => those.filter(({ told, turns, name }) => told && !turns && !thrusters.get(name)?.hand).map(({ source }) => [kind, source]));
+    const left = idle.filter(([kind, source]) => !given.has(key(kind, source)) && columns.delete(key(kind, source)));
+    newType = false;
+    for (const [kind, source] of left) if (current()?.kind === kind) renewRow(kind, source);
+    if (left.length) return refresh({ signal });
+  }
+  newType = false;
   if (asGuessed) {
     columns = new Map();
     for (const [kind, those] of Object.entries(signals)) {
@@ -198,7 +209,7 @@ async function refresh({ asGuessed = false, of = undefined, signal = undefined }
   }
   adoptArms();
   show();
-  if (!of) check();
+  return of ? undefined : check();
 }
 
 // Thrusters that the user did not place get a position that fits the arm rovid assumes.
@@ -505,6 +516,7 @@ function rename(name, next) {
 
 byId("type").addEventListener("change", () => {
   vehicle = byId("type").value;
+  newType = true;
   size = {};
   for (const [name, one] of thrusters) if (!one.hand) thrusters.delete(name);
   changed();
@@ -683,7 +695,7 @@ function obstacle() {
   if (!draft) return { text: "Choose the folder that holds your logs.", step: "logs", at: "folder" };
   if (guessing) return { text: "All logs are being read.", step: "signals" };
   const asked = questions().find(({ needed }) => needed);
-  if (asked) return asked;
+  if (asked) return { ...asked, text: asked.text.replace(/\. .*/, ".") };
   if (checking) return { text: "The check goes on.", step: "check" };
   if (noGo() && !byId("despite").checked) return { text: "The check says no go.", step: "check", at: "despite" };
   return null;
@@ -728,19 +740,21 @@ for (const each of document.querySelectorAll("input[name=axes]")) {
 // input that answers the question where it is asked.
 function questions() {
   if (!draft || theirs()) return [];
-  const asked = draft.survey.open.map((what) => {
-    if (what === "heading") return { text: "Which column is the heading?", step: "signals", at: firstRole, needed: true, field: headingField };
-    if (what === "command") return { text: "Which columns command thrusters?", step: "signals", at: firstRole, needed: true };
-    const source = what.replace("sense of ", ""), name = nameOf(source);
-    return {
+  const senses = draft.survey.open.filter((what) => what.startsWith("sense of ")).map((what) => nameOf(what.replace("sense of ", "")));
+  const asked = [];
+  if (draft.survey.open.includes("heading")) asked.push({ text: "Which column is the heading?", step: "signals", at: firstRole, needed: true, field: headingField });
+  if (draft.survey.open.includes("command")) asked.push({ text: "Which columns command thrusters?", step: "signals", at: firstRole, needed: true });
+  if (senses.length > 2) {
+    asked.push({ text: `The logs do not show which way ${senses.join(", ")} turn the vehicle. Choose the type of the vehicle; or enter their yaw arms; or mark the columns that do not turn it as not used.`, step: "thrusters", at: "type", needed: true });
+  } else for (const name of senses) {
+    asked.push({
       text: `The logs do not show which way ${name} turns the vehicle. Enter its yaw arm in m, positive if it turns the bow to starboard; or mark its column as not used.`,
       step: "thrusters", at: `t-arm-${name}`, needed: true, field: () => armField(name),
-    };
-  });
+    });
+  }
   const every = Object.values(draft.survey.commands).flat();
   const unknown = [...thrusters].filter(([name, { hand }]) => !hand && !every.find((one) => one.name === name)?.arm).map(([name]) => name);
-  const open = new Set(asked.map(({ at }) => at));
-  for (const name of unknown.slice(0, 4).filter((each) => !open.has(`t-arm-${each}`))) {
+  for (const name of unknown.filter((each) => !senses.includes(each)).slice(0, 4)) {
     asked.push({ text: `The yaw arm of ${name} is not known; 1 m is a placeholder. Enter it in m:`, step: "thrusters", at: `t-arm-${name}`, field: () => armField(name) });
   }
   for (const one of planar() ? [] : allRudders().filter(({ given: known }) => !known)) {
@@ -830,7 +844,10 @@ function headlines(reading = "") {
   else if (!draft) words = "Choose the folder that holds your logs.";
   else if (needed.length) words = needed.length > 1 ? `${needed.length} questions are open.` : "One question is open.";
   else if (state === "done" && (saved || theirs())) words = "Done: here is the report.";
-  else if (checking) [words, busy] = ["Checking the logs …", true];
+  else if (state === "failed" && (saved || theirs())) {
+    [words, verdict] = ["The run failed.", "no_go"];
+    if (step !== "run") lines.unshift([byId("run-error").textContent, { step: "run", words: "the run" }]);
+  } else if (checking) [words, busy] = ["Checking the logs …", true];
   else if (checked) {
     ({ words, verdict } = checked);
     // The step "check" has the whole list. The arms are asked for above.
