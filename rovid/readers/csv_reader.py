@@ -84,16 +84,14 @@ def read(path: Path, config: Config) -> raw_log.RawLog:
 def _read_columns(table: "_Table") -> tuple[pd.DataFrame, list[Remark]]:
     """The mapped columns without optional ones that hold text, and remarks on these."""
     skipped: list[Remark] = []
+    if table.has_surplus_cells():
+        table = _without_stray_rows(table, skipped)
     while True:
         try:
             return table.read(), skipped
         except LogError as error:
-            if not table.has_stray_rows and (stray := table.stray_rows()):
-                table = replace(table, has_stray_rows=True)
-                number, shown = stray[0][0], table.layout.delimiter.join(stray[0][1])[:40]
-                text = f"{len(stray)} rows hold no data, but a comment, a header or two rows in one; left out."
-                text += f" The first, line {number}: {shown}."
-                skipped.append(Remark(kind="skipped", count=len(stray), text=text))
+            if (rest := _without_stray_rows(table, skipped)) is not table:
+                table = rest
                 continue
             if not isinstance(error, _NoNumberError):
                 raise
@@ -102,6 +100,17 @@ def _read_columns(table: "_Table") -> tuple[pd.DataFrame, list[Remark]]:
             skipped.append(Remark(kind="skipped", count=1, text=str(error)))
             columns = {name: at for name, at in table.columns.items() if at != table.columns[error.signal]}
             table = replace(table, columns=columns)
+
+
+def _without_stray_rows(table: "_Table", skipped: list[Remark]) -> "_Table":
+    """The table without rows that hold no data, with a remark on them; the table itself if there are none."""
+    if table.has_stray_rows or not (stray := table.stray_rows()):
+        return table
+    number, shown = stray[0][0], table.layout.delimiter.join(stray[0][1])[:40]
+    text = f"{len(stray)} rows hold a comment, a header or more cells than the header, as by a decimal comma or by two "
+    text += f"rows in one; left out. The first, line {number}: {shown}."
+    skipped.append(Remark(kind="skipped", count=len(stray), text=text))
+    return replace(table, has_stray_rows=True)
 
 
 class _NoNumberError(LogError):
@@ -197,6 +206,20 @@ class _Table:
         with self.layout.path.open("rb") as file:
             rows = raw_log.FilePart(file, self.layout.offset, self.end - self.layout.offset)
             yield io.TextIOWrapper(io.BufferedReader(rows, 1 << 18), encoding="utf-8", errors="replace", newline="")
+
+    def has_surplus_cells(self) -> bool:
+        """Whether there are more delimiters than the columns need, in quotes included."""
+        if self.layout.wide or self.layout.delimiter == SPACES:
+            return False
+        delimiters, lines, block = 0, 0, b""
+        with self.layout.path.open("rb") as file:
+            rows = raw_log.FilePart(file, self.layout.offset, self.end - self.layout.offset)
+            while more := rows.read(1 << 20):
+                block = more
+                delimiters += block.count(self.layout.delimiter.encode())
+                lines += block.count(b"\n")
+        lines += not block.endswith(b"\n")
+        return delimiters > (self.layout.width - 1) * lines
 
     def stray_rows(self) -> list[tuple[int, list[str]]]:
         """Line number and cells of each row without data; empty if there are so many that the table is none."""

@@ -100,6 +100,14 @@ def test_rovid_replaces_its_own_export(name: str, tmp_path: Path) -> None:
     assert output.signature.matches(output.path)
 
 
+def test_topics_of_gazebo_are_named_as_it_makes_them() -> None:
+    """A space in a name is an underscore in a topic."""
+    one = subject()
+    made = load_exporter("gz-sim", planar=True)(replace(one, vehicle=replace(one.vehicle, name="Fähre Nord 2")))
+    (note,) = (text for text in made.notes if "newtons" in text)
+    assert "/model/Fähre_Nord_2/joint/port_joint/cmd_thrust, /model/Fähre_Nord_2/joint/starboard_joint/" in note
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HELD)
 def test_a_format_reproduces_the_motion_with_all_that_it_holds(name: str) -> None:

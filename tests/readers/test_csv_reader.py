@@ -116,6 +116,16 @@ def row(number: int, cell: str) -> str:
     return "\n".join(lines)
 
 
+@pytest.mark.parametrize("end", ["\n", ""])
+def test_a_decimal_comma_far_down_moves_no_cells(end: str, tmp_path: Path) -> None:
+    """The row, which has a cell more than the header, is left out and named."""
+    trial = read_csv(tmp_path, row(350, "12,5").rstrip("\n") + end)
+    (remark,) = (one for one in trial.remarks if one.kind == "skipped")
+    assert "as by a decimal comma" in remark.text
+    assert "line 350: " in remark.text
+    assert np.abs(trial.position - np.deg2rad(HEADING)[np.isin(TIME, trial.time)]).max() < 2e-6
+
+
 BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
     "text": (
         row(17, "N/A"),
