@@ -98,12 +98,14 @@ def test_surge_sway_and_yaw_can_be_taken_together(tmp_path: Path) -> None:
     # A placed thruster has its shares along surge and sway from its direction.
     guessed = draft["survey"]["commands"]["csv"]
     commands = [{"source": each["source"], "name": each["name"], "arm": 0.4, "angle": 30.0} for each in guessed]
-    one.save(document | {"commands": {"csv": commands}})
+    placed = document | {"commands": {"csv": commands}}
+    one.save(placed)
     vehicle = load_planar_config(tmp_path / "day" / "rovid.toml").vehicle
     assert [(round(each.surge_share, 3), round(each.sway_share, 3)) for each in vehicle.thrusters] == [
         (0.866, 0.5)
     ] * len(guessed)
-    assert not any("surge" in text or "sway" in text for text in one.check(document)["tasks"])
+    assert "surge of main" in one.check(document)["tasks"][0]
+    assert not any("surge" in text or "sway" in text for text in one.check(placed)["tasks"])
 
 
 def test_a_rovid_toml_of_the_users_own_is_shown(tmp_path: Path) -> None:
