@@ -12,7 +12,7 @@ INSTALL := .ci/install $(BIN)/python
 # By all cores, and wherever Python is told to keep nothing of the kind by itself; what does not compile is not used. Tests
 # of libraries, what nothing here imports, and MAVLink's many dialects that are not read, would be a third of it.
 COMPILE := $(BIN)/python -m compileall -qq -j 0 -x \
-	'site-packages/(.*/tests?/|(OpenGL|mypyc?|pip|setuptools)/|pymavlink/dialects/v../(?!ardupilotmega))'
+	'site-packages/(.*/tests?/|(OpenGL|fontTools|mypyc?|pip|pkg_resources|pygments/lexers|setuptools|snowballstemmer)/|pymavlink/dialects/v../(?!ardupilotmega))'
 
 $(VENV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

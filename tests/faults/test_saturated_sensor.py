@@ -10,6 +10,7 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import SignalData
 from rovid.faults.saturated_sensor import DETECTORS
+from tests.conftest import slow
 from tests.faults.drives import drives, found, undamaged
 
 
@@ -44,7 +45,7 @@ def test_a_rate_clipped_on_both_sides_is_left_out() -> None:
     assert (above.fault.size, below.fault.size) == (1.5, -1.5)
 
 
-@pytest.mark.parametrize("seed", range(5, 8))
+@pytest.mark.parametrize("seed", [5, slow(6), slow(7)])
 def test_undamaged_logs_are_not_clipped(seed: int, tmp_path: Path) -> None:
     assert not [name for name, trial in undamaged(seed, tmp_path) if found(trial, "saturated_sensor")]
 

@@ -71,8 +71,9 @@ ODD: dict[str, Callable[[Path], None]] = {
 EACH = pytest.mark.parametrize("what", ODD)
 
 
-@EACH
-@pytest.mark.parametrize("name", ["odd.csv", "odd.mcap", "odd"])
+@pytest.mark.parametrize(
+    ("what", "name"), [*((what, "odd.csv") for what in ODD), ("a pipe", "odd.mcap"), ("a pipe", "odd")]
+)
 def test_in_a_folder_it_is_left_out_and_said(what: str, name: str, folder: Path, rovid: Rovid) -> None:
     good = rovid("fit-drag", folder, "--json").document
     ODD[what](folder / name)
