@@ -83,8 +83,9 @@ _COARSE = {True: np.deg2rad(1.5), False: 0.1}
 _AT_REST = 0.05
 _MIN_HALF_SWINGS = 4
 # Smallest swing from peak to peak: in steps of coarse readings, which toggle at rest by one step to each side, and in
-# standard deviations of the noise, of which 100 000 readings reach 8.8.
-_TOGGLED, _NOISY = 2.5, 9.0
+# standard deviations of the noise, of which 100 000 readings reach 8.8. In shares of the log's range: releases of one
+# log have similar tilts, and the swings of waves after a decay are smaller. Decision.
+_TOGGLED, _NOISY, _SMALLEST = 2.5, 9.0, 0.2
 # Share of the largest tilt that a tilt held by hand exceeds. A free cosine falls to it in 0.4 of the time that it takes
 # from there to the middle, a swing of 90 deg in 0.5: with more than this ratio the vehicle was held. Decisions.
 _LET_GO, _HELD = 0.9, 0.55
@@ -256,12 +257,12 @@ def coarse_text(trials: Sequence[Trial]) -> str:
 def find_releases(trial: Trial) -> list[slice]:
     """Rows of each free swing: from a largest tilt until the swings grow again or are cut short by hand.
 
-    A tilt that is held before the release is left out, and so are the noise and the steps of readings at rest.
+    A tilt that is held before the release is left out, and so are swings of noise, of steps of the readings, and of waves.
     """
     known = np.flatnonzero(trial.measured)
     position = trial.position[known]
     tilt = position - np.median(position)
-    least = max(_TOGGLED * resolution(position), _NOISY * white_noise(position))
+    least = max(_TOGGLED * resolution(position), _NOISY * white_noise(position), _SMALLEST * float(np.ptp(tilt)))
     swings = _half_swings(tilt)
     peaks = [begin + int(np.argmax(np.abs(tilt[begin:end]))) for begin, end in swings]
     # A wrong level makes one side larger than the other, so each half swing is compared with those on its own side.

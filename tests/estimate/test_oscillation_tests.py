@@ -285,6 +285,13 @@ def test_readings_at_rest_are_no_release(step: float) -> None:
     assert np.isnan(swing_period(log_of(tilt)))
 
 
+def test_swings_of_waves_after_a_decay_are_no_release() -> None:
+    decay, waves = swings(0.3, 90.0), swings(0.045, 20.0)
+    tilt = np.concatenate((decay, np.linspace(decay[-1], waves[0], 40), waves))
+    (part,) = find_releases(log_of(tilt))
+    assert part.stop <= len(decay)
+
+
 def test_swings_that_are_held_up_end_a_release() -> None:
     tilt = swings(0.3, 60.0)
     held = np.where(np.arange(len(tilt)) < 600, tilt, LEVEL + 0.2 * (tilt - LEVEL))
