@@ -257,7 +257,7 @@ def coarse_text(trials: Sequence[Trial]) -> str:
 def find_releases(trial: Trial) -> list[slice]:
     """Rows of each free swing: from a largest tilt until the swings grow again or are cut short by hand.
 
-    A tilt that is held before the release is left out, and so are swings of noise, of steps of the readings, and of waves.
+    A tilt that is held before the release is left out. So are swings of noise, steps of the readings, and waves.
     """
     known = np.flatnonzero(trial.measured)
     position = trial.position[known]
