@@ -38,6 +38,9 @@ def test_a_scale_from_a_table_is_carried_into_every_fit(
     assert 0.01 * TRUE < found["standard_error"] < 0.012 * TRUE  # 1 % of the balance, and the scatter
     if column != "force_N":
         return
+    exact = rovid("fit-thrust-scale", table, "--reference-error", "0").out
+    assert "Fits take a larger one, because the readings are few." in exact
+    assert "larger" not in rovid("fit-thrust-scale", table).out
     before = rovid("fit-drag", day, "-p", "before.toml", "--json").document
     assert "thrust_scale" in before["not_identifiable"]
     settings = day / "rovid.toml"

@@ -44,6 +44,8 @@ from rovid.trial.assumptions import Assumptions
 _RUNS_SHOWN = 8
 # Largest number of bench readings in the table.
 _READINGS_SHOWN = 40
+# Ratio of two errors above which they are said to differ.
+_FEW = 1.05
 
 
 def show_fit(console: Console, fit: DragFit | InertiaFit | LikelihoodFit, study: Study) -> None:
@@ -154,7 +156,10 @@ def show_thrust_scale(console: Console, scale: ThrustScale, given: float) -> Non
     value, error = given * scale.value, given * scale.standard_error
     text = f"{plus_minus(value, error)}, 95 % interval {low} to {high}; {scale.method}"
     print_labelled(console, "Scale of all thrust:", text)
-    print_text(console, f"The error includes {100.0 * scale.reference_error:.2g} % for the reference.")
+    few = " Fits take a larger one, because the readings are few." * (
+        scale.error_for_fits > _FEW * scale.standard_error
+    )
+    print_text(console, f"The error includes {100.0 * scale.reference_error:.2g} % for the reference.{few}")
     print_labelled(console, "Next:", "enter in [vehicle] of rovid.toml, and fit again:")
     print_path(console, f"  thrust_scale = {value:.6g}")
     print_path(console, f"  thrust_scale_error = {given * scale.error_for_fits:.3g}")
