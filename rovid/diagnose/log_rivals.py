@@ -142,7 +142,10 @@ def _clock_offset(findings: Sequence[Finding]) -> Finding | None:
 
 
 def _without_offset(
-    diagnosis: Diagnosis, runs: Sequence[Run], moved: Finding | None = None, done: str = "It may act."
+    diagnosis: Diagnosis,
+    runs: Sequence[Run],
+    moved: Finding | None = None,
+    done: str = "This is possible, not established: the commands were not moved.",
 ) -> Diagnosis:
     """``diagnosis`` with clock offsets as faults; a delay that may be one is no more than a suspect.
 

@@ -117,6 +117,7 @@ def test_an_offset_that_was_not_corrected_leaves_the_error_unexplained(*, establ
     assert fault.fault == "clocks_apart"
     # Longer than the interval between two rows.
     assert "late by more than a row" in fault.text
+    assert fault.text.endswith("the commands were not moved.")
 
 
 SAG = supply_sag.EFFECT
