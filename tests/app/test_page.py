@@ -257,6 +257,22 @@ def test_a_cancelled_run_can_be_started_again(browser: Browser, tmp_path: Path) 
 
 
 @pytest.mark.slow
+def test_a_failed_run_is_the_first_line(browser: Browser, tmp_path: Path) -> None:
+    top = tmp_path / "top"
+    logs_into(top / "day")
+    (top / "day" / "report").write_text("a file in the place of the folder")
+    with served(top, "day") as server, opened(browser, server) as page:
+        headline(page, "Go")
+        page.locator("#run-button").click()
+        headline(page, "The run failed.", _PATIENCE)
+        why = page.locator("#run-error").inner_text()
+        show_step(page, "check")
+        assert why in page.locator("#now-list").inner_text()
+        page.locator("#now-list button", has_text="Go to the run").click()
+        assert page.locator("#run-error").is_visible()
+
+
+@pytest.mark.slow
 def test_the_type_of_the_vehicle_answers_for_all_its_motors(browser: Browser, tmp_path: Path) -> None:
     """Eight outputs, four of them vertical motors: one question, and one answer."""
     top = tmp_path / "top"
