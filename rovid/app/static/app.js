@@ -828,7 +828,10 @@ function advice(text, target = targetOf(text), field = null) {
   if (field) item.append(field(), " ");
   if (target) {
     const link = element("button", target.words ? `Go to ${target.words}` : "Go there", item, { type: "button", class: "link" });
-    link.addEventListener("click", () => go(target.step, target.at));
+    link.addEventListener("click", () => {
+      go(target.step, target.at);
+      headlines();
+    });
   }
   return item;
 }
