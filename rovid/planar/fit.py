@@ -55,8 +55,8 @@ _LAST_ITERATIONS = 12
 # Rounds in which stamps are moved by a latency, the least latency in time constants for a further round, and standard
 # errors from zero of a latency that shows.
 _LATENCY_ROUNDS, _LATENCY_TOLERANCE, _LATENCY_SIGMAS = 4, 0.01, 4.0
-# Largest latency in the shortest time constant, and in s, of each sensor: a DVL or a gyro answers at once, a USBL after
-# the way of its sound and its radio link. A decision.
+# Largest latency in the shortest time constant of the axes that a sensor measures, and in s: a DVL or a gyro answers at
+# once, a USBL after the way of its sound and its radio link. A decision.
 _MOST_LATENCY = 0.6
 _MOST_SECONDS = np.array([5.0 if name in {"north", "east"} else 1.0 for name in SENSORS])
 # Least rigid-body share of an inertia that is no warning: the thrust curve may be off.
@@ -198,15 +198,15 @@ def with_latencies(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     """The fit with the stamps of late sensors moved back, until their latency beyond that is small.
 
     The filter takes a latency to first order. So the stamps are moved by the estimate, and the rest is estimated anew.
-    A latency beyond `_MOST_LATENCY` stands for what the model misses: the fit then stays as it is, with that latency at
-    zero.
+    A latency beyond `_MOST_LATENCY` by two standard errors stands for what the model misses: the fit then stays as it
+    is, without latencies.
     """
     first = best
     for _ in range(_LATENCY_ROUNDS):
         coordinates, grid = best.coordinates, best.likelihood.grid
         more = coordinates.latencies(best.x)
-        most = np.minimum(_MOST_LATENCY * float(coordinates.sizes.time.min()), _MOST_SECONDS)
-        if np.any(np.abs(grid.latency + more) > most):
+        beyond = np.abs(grid.latency + more) - most_latencies(coordinates.sizes.time)
+        if np.any(beyond > 0.0) and np.any(beyond > 2.0 * _latency_errors(best)):
             on_time = first.coordinates.on_time([True] * len(coordinates.instruments))
             x = first.x.copy()
             x[coordinates.latency_begin :] = 0.0
@@ -222,6 +222,22 @@ def with_latencies(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     return best
 
 
+def most_latencies(time: FloatArray) -> FloatArray:
+    """(6,) largest latency in s of each sensor; ``time`` are the (3,) time constants of the axes in s."""
+    times = [time[2] if name in {"heading", "yaw_rate"} else min(time[:2]) for name in SENSORS]
+    return np.asarray(np.minimum(_MOST_LATENCY * np.array(times), _MOST_SECONDS))
+
+
+def _latency_errors(best: PlanarOptimum) -> FloatArray:
+    """(6,) standard errors in s of the latency of each sensor; zero where it has none."""
+    coordinates, found = best.coordinates, np.zeros(len(SENSORS))
+    begin = coordinates.latency_begin
+    errors = np.sqrt(np.diag(best.coordinate_covariance)[begin:]) * coordinates.units[begin:]
+    for names, error in zip(coordinates.instruments, errors.tolist(), strict=True):
+        found[list(map(SENSORS.index, names))] = error
+    return found
+
+
 def refined(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     """The fit to all readings, from a fit to thinned ones; a fit of free runs, which have all readings, as it is."""
     if best.is_multi_step:
@@ -230,16 +246,12 @@ def refined(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     coordinates, latency, x = best.coordinates, grid.latency.copy(), best.x.copy()
     if coordinates.instruments:
         # A latency that does not show is zero.
-        begin = coordinates.latency_begin
-        errors = np.sqrt(np.diag(best.coordinate_covariance)[begin:]) * coordinates.units[begin:]
         total = latency + coordinates.latencies(x)
-        fixed = []
-        for names, error in zip(coordinates.instruments, errors.tolist(), strict=True):
-            own = [SENSORS.index(name) for name in names]
-            fixed.append(bool(abs(total[own[0]]) < _LATENCY_SIGMAS * error))
-            latency[own] = 0.0 if fixed[-1] else total[own]
+        hidden = np.abs(total) < _LATENCY_SIGMAS * _latency_errors(best)
+        latency = np.where(hidden, 0.0, total)
+        fixed = [bool(hidden[SENSORS.index(names[0])]) for names in coordinates.instruments]
         coordinates = coordinates.on_time(fixed)
-        x[begin:] = 0.0
+        x[coordinates.latency_begin :] = 0.0
     full = planar_grid(data, coordinates.sizes, yaw_only=grid.yaw_only, interval=0.0, latency=latency)
     return PlanarOptimum.fit(PlanarLikelihood(full, coordinates), x, _LAST_ITERATIONS).canonical()
 
@@ -312,12 +324,11 @@ def _shown_latency(best: PlanarOptimum) -> dict[str, tuple[float, float]]:
     if best.is_multi_step:
         return {}
     coordinates, found = best.coordinates, dict[str, tuple[float, float]]()
-    begin = coordinates.latency_begin
-    errors = np.sqrt(np.diag(best.coordinate_covariance)[begin:]) * coordinates.units[begin:]
-    total = best.likelihood.grid.latency + coordinates.latencies(best.x)
+    errors, total = _latency_errors(best), best.likelihood.grid.latency + coordinates.latencies(best.x)
     for at, names in enumerate(coordinates.instruments):
-        if coordinates.free[begin + at]:
-            found |= {name: (float(total[SENSORS.index(name)]), float(errors[at])) for name in names}
+        if coordinates.free[coordinates.latency_begin + at]:
+            own = map(SENSORS.index, names)
+            found |= {SENSORS[one]: (float(total[one]), float(errors[one])) for one in own}
     return found
 
 

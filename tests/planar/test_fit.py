@@ -21,7 +21,7 @@ from rovid.planar import free_runs
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import _with_stall
-from rovid.planar.fit import PlanarFit, fit_base, fit_planar, planar_result
+from rovid.planar.fit import PlanarFit, fit_base, fit_planar, most_latencies, planar_result
 from rovid.planar.free_runs import FreeRuns, correlation_time, fit_free_runs, free_run_r2, simulate_planar
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
@@ -243,6 +243,13 @@ def test_correlated_errors_count_as_fewer() -> None:
     # Bartlett's formula: the sum over some 50 lags scatters by about 6 %.
     assert correlation_time([errors[:25_000], errors[25_000:]]) == pytest.approx((1.0 + a) / (1.0 - a), rel=0.25)
     assert correlation_time([rng.normal(size=(20_000, 1))]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_position_may_be_later_than_the_turn_is_fast() -> None:
+    # A USBL that is 0.3 s late, of a vehicle that turns within 0.2 s, is no error of the model.
+    yaw, speed, position = most_latencies(np.array([3.0, 1.5, 0.2]))[[1, 2, 4]]
+    assert (yaw, speed, position) == pytest.approx((0.12, 0.9, 0.9))
+    assert most_latencies(np.array([20.0, 20.0, 20.0]))[[1, 2, 4]].tolist() == [1.0, 1.0, 5.0]
 
 
 def test_a_stall_angle_is_a_parameter_where_rovid_toml_gives_none() -> None:
