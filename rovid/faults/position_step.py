@@ -1,6 +1,7 @@
 """A position that jumps between two readings and stays there: another set of satellites, or a new reference.
 
-Steps of north and of east are examined as those of a heading; see `rovid.faults.heading_step`.
+Steps of north and of east, or of the position along a linear axis such as a depth, are examined as those of a heading;
+see `rovid.faults.heading_step`.
 """
 
 import math
@@ -23,10 +24,13 @@ _RESOLVED, _SIGMAS = 3.0, 8.0
 
 
 def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
-    trial = data.trial
-    if any(name not in trial.readings or len(trial.readings[name].time) < _FEWEST for name in _SENSORS):
+    trial, what = data.trial, "position"
+    if all(name in trial.readings and len(trial.readings[name].time) >= _FEWEST for name in _SENSORS):
+        every = [Steps.of_readings(trial, name) for name in _SENSORS]
+    elif not (trial.axis.angular or trial.rate_only) and trial.measured.sum() >= _FEWEST:
+        every, what = [Steps.of(trial)], trial.axis.position_words
+    else:
         return
-    every = [Steps.of_readings(trial, name) for name in _SENSORS]
     found = dict[float, float]()
     for steps in every:
         changes = np.abs(np.diff(steps.angle))
@@ -49,9 +53,9 @@ def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
                 logs=(trial.name,),
                 at=(at,),
                 size=size,
-                standard_error=error / math.sqrt(2.0),
+                standard_error=error / math.sqrt(len(every)),
                 unit="m",
-                text=f"{trial.name}: the position jumps and stays at {at:.2f} s, by {significant(size, 3)} m.",
+                text=f"{trial.name}: the {what} jumps and stays at {at:.2f} s, by {significant(size, 3)} m.",
                 remedy="cut",
             ),
             done="The log was cut there.",

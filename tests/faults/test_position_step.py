@@ -10,6 +10,7 @@ import pytest
 
 from rovid.faults.base import TrialData
 from rovid.faults.position_step import DETECTORS
+from rovid.trial.axis import axis_named
 from rovid.trial.cutting import split
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Readings, Trial
@@ -50,6 +51,17 @@ def test_a_jump_is_found_and_the_log_is_cut(tmp_path: Path) -> None:
     (one,) = detect(TrialData(trial=trial, vehicle=VEHICLE))
     first, second = split(one.repair(TrialData(trial=trial, vehicle=VEHICLE)).trial)
     assert len(first.readings["north"].time) + len(second.readings["north"].time) == len(time)
+
+
+@pytest.mark.parametrize("jump", [0.0, 2.0])
+def test_a_depth_that_jumps_is_found_and_one_of_the_heading_is_not_its_business(jump: float, tmp_path: Path) -> None:
+    trial = dict(drives(3))["prbs 5.0"].trial(tmp_path)
+    at = 2 * len(trial.time) // 3
+    moved = replace(trial, position=trial.position + jump * (np.arange(len(trial.time)) >= at))
+    assert not found(moved)
+    faults = found(replace(moved, axis=axis_named("heave")))
+    assert [fault.at for fault in faults] == ([(pytest.approx(trial.time[at]),)] if jump else [])
+    assert all("the depth jumps and stays" in fault.text for fault in faults)
 
 
 def test_noise_wild_readings_and_coarse_positions_are_no_jumps(tmp_path: Path) -> None:
