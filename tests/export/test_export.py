@@ -32,7 +32,7 @@ from tests.conftest import SAMPLES, Rovid, run_rovid, write_short_day
 
 # s; commands of the tests' own manoeuvre are held so long, in V.
 HOLD = 2.0
-COMMANDS = np.repeat([0.0, 1.9, 1.9, 1.2, 0.0, 0.0, -2.0, -2.4, 0.0, 1.0, -1.0, 1.6, -1.7, 0.4, -0.5, 0.0], 2)
+COMMANDS = np.repeat([0.0, 1.9, 1.9, 1.2, 0.0, 0.0, -2.0, -2.4, 0.0, 1.0, -1.0, 1.6, -1.7, 0.4, -0.5, 0.0], 4)
 ALLOWED = 0.1  # % of the range of the yaw rate: the promise
 # Sizes as diagnoses of ROSUB-like vehicles give them.
 SIZES: dict[str, dict[str, float]] = {
