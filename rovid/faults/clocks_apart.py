@@ -168,7 +168,8 @@ def _blocks(
         columns += [np.sin(position), np.cos(position)]
     elif memories:
         if run.trial.axis.angular:
-            columns += [function(k * position) for k in (1.0, 2.0) for function in (np.sin, np.cos)]
+            for k in (1.0, 2.0):
+                columns += [np.sin(k * position), np.cos(k * position)]
         past = np.nan_to_num(rates.rate)
         columns += [first_order(past, memory / rates.kernel.cutoff, period)[inside] for memory in memories]
     x = np.column_stack((*columns, np.ones(len(inside))))

@@ -122,6 +122,7 @@ def test_from_a_folder_without_rovid_toml_to_the_report(browser: Browser, tmp_pa
     assert (top / "day" / "report" / "index.html").is_file()
 
 
+@pytest.mark.slow
 def test_all_logs_are_guessed_from_and_a_no_go_is_not_run(browser: Browser, tmp_path: Path) -> None:
     """The first log is shown first. One thruster rests in this log, and the other format is not in it."""
     top = tmp_path / "top"

@@ -20,6 +20,7 @@ def test_measures_of_a_circle_and_of_a_sine() -> None:
     assert overshoots(np.concatenate((swing[0], -swing[1])), 20.0) == pytest.approx([10.0, 15.0], abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_drawn_merchant_ship_turns_like_published_ones() -> None:
     found, length = true_measures(41, 0, "merchant"), draw(41, 0, "none", "merchant").vehicle.length
     # S175, KCS and others turn in 2.5 to 4.5 lengths, and overshoot by less than the 25 deg of the IMO.
