@@ -223,6 +223,7 @@ def test_a_command_that_is_only_rounding_has_no_effect(tmp_path: Path) -> None:
     assert not reversed_thrusters(open_study([tmp_path / "day"]))
 
 
+@pytest.mark.slow
 def test_more_drag_to_one_side_reverses_no_thruster(tmp_path: Path) -> None:
     """Four thrusters of a drawn vehicle with 2.2 times the drag to port; two curves differ from the others by side."""
     write_campaign(tmp_path / "day", draw(95201, 31, None))

@@ -30,6 +30,7 @@ def test_too_little_data_says_what_is_missing_and_what_to_run(tables: Study) -> 
     assert json.loads(to_json(document))["findings"] == []
 
 
+@pytest.mark.slow
 def test_what_tables_say_by_themselves_is_a_part_of_its_own(tables: Study) -> None:
     diagnosis = tables.diagnosis()
     document, amplitudes = diagnosis_document(diagnosis, tables), diagnosis.from_tables
