@@ -180,8 +180,8 @@ def _signals(group: Mapping[str, Any]) -> dict[str, SignalGuess]:
         sign = -1 if one.get("sign", 1) < 0 else 1
         unit = _text(one.get("unit") or "")
         # A further channel that is carried along must not look like a misspelt signal.
-        named = _text(name) + "_column" * bool(meant_signal(name))
-        signals[named] = SignalGuess(source=_text(one["source"]), unit=unit, sign=sign, reason="")
+        own_name = f"{_text(name)}_column" if meant_signal(name) else _text(name)
+        signals[own_name] = SignalGuess(source=_text(one["source"]), unit=unit, sign=sign, reason="")
     return signals
 
 

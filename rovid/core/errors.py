@@ -3,7 +3,7 @@
 import difflib
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import islice
 from types import MappingProxyType
 
@@ -132,6 +132,13 @@ def _abbreviates(letters: str, name: str) -> bool:
 def quoted_list(names: Iterable[str]) -> str:
     """Names from files, each in quotes, separated by commas."""
     return ", ".join(f"'{display_text(name, NAME_LENGTH // 3)}'" for name in names)
+
+
+def join_words(texts: Sequence[str], last: str = "and") -> str:
+    """A list in words: "a, b and c", with ``last`` before the last item."""
+    if len(texts) < 2:
+        return "".join(texts)
+    return f"{', '.join(texts[:-1])} {last} {texts[-1]}"
 
 
 def shortened_list(names: Iterable[str], most: int = 5) -> str:

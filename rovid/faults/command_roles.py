@@ -9,12 +9,12 @@ than another inertia and drag in this log.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, compress
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.faults.common_causes import OneModel, likelihood_gain
+from rovid.faults.common_causes import JointModel, likelihood_gain
 from rovid.faults.log_regressors import LogRegressors, solved
 from rovid.faults.quick_model import fit_quick_model
 from rovid.trial.preprocessing import Run
@@ -77,12 +77,12 @@ def misassigned(runs: Sequence[Run], vehicle: Vehicle) -> Misfit | None:
     found = list[tuple[float, Misfit]]()
     for at, fit in enumerate(fits):
         others = np.arange(len(logs)) != at
-        usual = float(np.median(shares[agree & others if (agree & others).any() else others]))
+        usual_logs = agree & others if (agree & others).any() else others
+        usual = float(np.median(shares[usual_logs]))
         if shares[at] < max(_MIN_SHARE, _EXPLAINED * usual) or not fit.is_possible:
             continue
-        usual_logs = [log for log, is_usual in zip(logs, agree & others, strict=True) if is_usual]
-        whole = OneModel(fit.log, usual_logs)
-        if whole.is_usual:
+        joint = JointModel(fit.log, [*compress(logs, usual_logs)])
+        if joint.is_usual:
             continue
         hypotheses = [*_hypotheses(fit, vehicle)]
         level = _LEVEL + np.log(len(logs) * len(hypotheses))
@@ -91,7 +91,7 @@ def misassigned(runs: Sequence[Run], vehicle: Vehicle) -> Misfit | None:
             for each in hypotheses
             if fit.share(each.residual) < min(_EXPLAINED * usual, _MOST)
             and likelihood_gain(each.residual, fit.own) > _OVER_FOREIGN
-            and likelihood_gain(each.residual, whole.residual) + whole.loss > _OVER_FOREIGN
+            and likelihood_gain(each.residual, joint.residual) + joint.loss > _OVER_FOREIGN
         ]
         gain, best = max(likely, key=lambda pair: pair[0], default=(0.0, None))
         if best and gain > level:

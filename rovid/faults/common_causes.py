@@ -64,8 +64,8 @@ class CommonDrive:
     is_shown: bool  #: Whether the other logs show it too.
 
 
-class OneModel:
-    """One inertia and drag for the ``odd`` log and the ``others``, by the likelihood ratio test of Chow.
+class JointModel:
+    """One inertia and drag of the ``odd`` log and of the ``others``, one or more, by the likelihood ratio test of Chow.
 
     Chow, G. C. (1960), Tests of equality between sets of coefficients in two linear regressions, Econometrica 28.
     """
@@ -73,7 +73,7 @@ class OneModel:
     def __init__(self, odd: LogRegressors, others: Sequence[LogRegressors]) -> None:
         from scipy.special import fdtri
 
-        self._odd, self._values = odd, _model_of([odd, *others])
+        self._odd, self._others, self._values = odd, others, _model_of([odd, *others])
         rest = _model_of(others)
         residuals = [(log.forcing - log.x @ self._values, log.forcing - log.x @ rest) for log in others]
         #: (n,) residual torque of the ``odd`` log.
@@ -84,7 +84,6 @@ class OneModel:
         counts = _independent(self.residual), sum(_independent(own) for _, own in residuals)
         #: Whether a disturbance as in the ``others`` explains the residual: F-test.
         self.is_usual = bool(np.mean(self.residual**2) < usual * fdtri(*counts, _USUAL))
-        self._least = _OWN_MODEL + float(np.log(1 + len(others)))
 
     def _scale(self, values: FloatArray) -> float:
         """Factor on a residual by other ``values``: models predict accelerations, which a tiny inertia cannot."""
@@ -101,20 +100,19 @@ class OneModel:
             x, z = self._odd.x @ directions, self._odd.z @ directions
             own = directions @ solved(z.T @ x, z.T @ self._odd.forcing)
             gains.append(likelihood_gain(self._scale(own) * (self._odd.forcing - self._odd.x @ own), self.residual))
-        return max(gains) + self.loss < self._least
+        return max(gains) + self.loss < _OWN_MODEL + float(np.log(1 + len(self._others)))
 
 
 def _model_of(logs: Sequence[LogRegressors]) -> FloatArray:
-    """(3,) inertia, quadratic and linear drag of all ``logs``, weighted by variances, at least the usual one."""
-    variances = np.array([float(np.mean(log.forcing**2)) for log in logs])
+    """(3,) inertia, quadratic and linear drag of all ``logs``, weighted by their residual variances."""
+    slopes = np.array([log.z.T @ log.x for log in logs])
+    scores = np.array([log.z.T @ log.forcing for log in logs])
+    variances = np.array([np.mean(log.forcing**2) for log in logs])
     for _ in range(_PASSES):
-        variances = np.maximum(variances, np.median(variances))
-        slope = np.sum([log.z.T @ log.x / variance for variance, log in zip(variances, logs, strict=True)], axis=0)
-        score = np.sum(
-            [log.z.T @ log.forcing / variance for variance, log in zip(variances, logs, strict=True)], axis=0
-        )
-        values = solved(slope, score)
-        variances = np.array([float(np.mean((log.forcing - log.x @ values) ** 2)) for log in logs])
+        # A log with a small residual by chance counts as much as a usual one.
+        weights = 1.0 / np.maximum(variances, np.median(variances))
+        values = solved(np.tensordot(weights, slopes, 1), weights @ scores)
+        variances = np.array([np.mean((log.forcing - log.x @ values) ** 2) for log in logs])
     return values
 
 

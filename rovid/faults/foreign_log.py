@@ -18,7 +18,7 @@ from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.command_roles import misassigned
 from rovid.faults.common_causes import (
-    OneModel,
+    JointModel,
     common_drive,
     least_unexplained,
     replaces_groups,
@@ -131,8 +131,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
             # Sway and surge change the yaw that a log shows, but not the sign of its inertia.
             foreign = [log for log in foreign if 1.0 + log.deviation[0] + _CERTAIN * log.standard_errors[0] < 0.0]
         foreign = [log for log in foreign if log.name not in kept and _explains_itself(log, model)]
-        usual = [one for one in model.regressors if one.name not in {log.name for log in foreign}]
-        foreign = [log for log in foreign if not OneModel(_regressors(log, model), usual).explains]
+        foreign = _with_own_model(foreign, model)
         if not foreign:
             break
         alike = [log for log in foreign if log.name not in opposite]
@@ -181,6 +180,13 @@ def _explains_itself(log: LogMoments, model: QuickModel) -> bool:
     scale = (model.inertia + change[0]) ** 2
     noise = scale * sum(int(run.valid.sum()) * run.rates.acceleration_noise**2 for run in own.runs)
     return bool(after @ after - noise < _LESS * (before @ before))
+
+
+def _with_own_model(foreign: Sequence[LogMoments], model: QuickModel) -> list[LogMoments]:
+    """Those of the ``foreign`` logs that one model of all logs does not explain; all where no other is left."""
+    names = {log.name for log in foreign}
+    usual = [one for one in model.regressors if one.name not in names]
+    return [log for log in foreign if not usual or not JointModel(_regressors(log, model), usual).explains]
 
 
 def _regressors(log: LogMoments, model: QuickModel) -> LogRegressors:

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rovid import __version__
-from rovid.core.errors import escape_invisible, shortened_list
+from rovid.core.errors import escape_invisible, join_words, shortened_list
 from rovid.core.formatting import plus_minus, significant
 from rovid.effects import CATALOGUE
 from rovid.fleet import results
@@ -23,7 +23,6 @@ from rovid.present.console import ResultTable, mixed_number_column, text_column
 from rovid.present.number_format import DASH, parameter_title, shorten_name, unit_symbol
 from rovid.present.page.page_files import template_environment
 from rovid.present.plots.canvas import BLACK, ORANGE, PALE, RED, panel_grid, render_inline_svg, report_style
-from rovid.present.sentences import join_words
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import axis_named
 

@@ -21,6 +21,7 @@ from rovid.planar.dataset import (
 from rovid.planar.equations import forces
 from rovid.planar.free_runs import PlanarMotion, estimated_start, simulate_planar
 from rovid.planar.model import AXIS_NAMES, SENSORS, PlanarModel
+from rovid.trial.rates import integral
 from rovid.trial.trial import Readings
 
 SENSOR_UNITS = dict(zip(SENSORS, ("rad", "rad/s", "m/s", "m/s", "m", "m"), strict=True))
@@ -183,7 +184,7 @@ def _restart_errors(
         if name not in run.sensors:
             return np.zeros(len(rows))
         readings, rate = run.readings(name), rates.get(name, np.zeros(len(smooth.time)))
-        moved = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(smooth.time))))
+        moved = integral(smooth.time, rate)
         fixed = readings.values - np.interp(readings.time, smooth.time, moved)
         time = run.time[rows]
         return np.asarray(np.interp(time, smooth.time, moved) + np.interp(time, readings.time, fixed))

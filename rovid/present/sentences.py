@@ -12,6 +12,7 @@ from rovid.compare.difference_tests import DRAG, THRUST_SCALE, ChangeCandidate, 
 from rovid.control.control_law import paper_runs
 from rovid.control.design import ClosedLoopResult, ControllerDesign
 from rovid.control.tuning import PHASE_MARGIN, SENSITIVITY_PEAK
+from rovid.core.errors import join_words
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS
@@ -35,13 +36,6 @@ CUT_SHORT = "The search ended at the limit of its time, before every cause was t
 _ALL_THRUST = "all thrust"
 # Change of settling time or overshoot, in shares, and of overshoot in deg, that a user notices. Convention.
 _RELEVANT, _LEAST_OVERSHOOT = 0.05, 2.0
-
-
-def join_words(texts: Sequence[str], last: str = "and") -> str:
-    """A list in words: "a, b and c", with ``last`` before the last item."""
-    if len(texts) < 2:
-        return "".join(texts)
-    return f"{', '.join(texts[:-1])} {last} {texts[-1]}"
 
 
 def effect_title(effect: Effect, axis: Axis = YAW) -> str:

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from rovid.core.errors import join_words
 
 if TYPE_CHECKING:  # The vehicle contains its assumptions.
     from rovid.trial.vehicle import Vehicle
@@ -64,8 +66,8 @@ class Assumptions:
             names.setdefault(quantity, []).append(name)
         quantities: dict[str, list[str]] = {}
         for quantity, thrusters in names.items():
-            quantities.setdefault(_joined(thrusters), []).append(quantity)
-        return _joined([f"{' and '.join(together)} of {thrusters}" for thrusters, together in quantities.items()])
+            quantities.setdefault(join_words(thrusters), []).append(quantity)
+        return join_words([f"{' and '.join(together)} of {thrusters}" for thrusters, together in quantities.items()])
 
     @property
     def quantities(self) -> str:
@@ -123,11 +125,6 @@ class Assumptions:
     def mark_sentence(self, sentence: str) -> str:
         """``sentence`` with each number in N m, N or kg marked."""
         return _FORCE_NUMBER.sub(r"guessed \g<0>", sentence) if self else sentence
-
-
-def _joined(names: Sequence[str]) -> str:
-    """``names`` as "a, b and c"."""
-    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
 def scales_with_thrust(unit: str) -> bool:

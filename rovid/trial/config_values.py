@@ -207,12 +207,14 @@ class ConfigValues:
             curve = given if isinstance(given, ThrustCurve) else read_curve(self.path.parent / str(given))
         guessed = [key for key in ([constant] if constant else acts) if self.is_guessed(block, key, place)]
         scale_key = constant if constant == "torque_constant" or self.planar else ""
+        if self.planar and not scale_key:
+            scale_key = " and ".join(guessed)
         thruster = Thruster(
             name=name,
             clamp=outside == "clamp",
             arm=lever[arm_key] if arm_key in block or acts else 1.0,
             curve=curve,
-            scale_key=scale_key or " and ".join(guessed) * self.planar,
+            scale_key=scale_key,
             surge_share=lever["surge"],
             sway_share=lever["sway"] if self.planar else 0.0,
             position=self.place_of(block, place) if "position" in block else None,

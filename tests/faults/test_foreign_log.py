@@ -12,7 +12,7 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import played, slewed
 from rovid.faults.base import RunsData, examine
-from rovid.faults.foreign_log import DETECTORS, _explains_itself, _foreign, minority_payload
+from rovid.faults.foreign_log import DETECTORS, _explains_itself, _foreign, _with_own_model, minority_payload
 from rovid.faults.quick_model import fit_quick_model, log_name
 from rovid.model.model import Model
 from rovid.trial.fault import Fault, FaultOverrides
@@ -391,3 +391,10 @@ def test_another_vehicle_is_explained_by_its_own_model_and_a_disturbance_is_not(
     whole = fit_quick_model(runs, LOGGED)
     assert whole is not None
     assert [log.name for log in whole.logs if _explains_itself(log, whole)] == ["steps.csv"]
+
+
+def test_where_every_log_deviates_none_is_left_to_explain_them() -> None:
+    model = fit_quick_model(day("small", 0), LOGGED)
+    assert model is not None
+    assert _with_own_model(model.logs, model) == [*model.logs]
+    assert _with_own_model(model.logs[:1], model) == []

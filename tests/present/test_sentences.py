@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rovid.core.errors import join_words
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
@@ -15,7 +16,6 @@ from rovid.present.sentences import (
     evidence_definitions,
     evidence_words,
     improvement_words,
-    join_words,
     verdict_sentence,
 )
 from rovid.trial.assumptions import Assumptions

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from rovid.core.errors import join_words
 from rovid.core.formatting import plus_minus
 from rovid.diagnose.result import Diagnosis, Finding, delays_of_the_sensor, next_experiment
 from rovid.model.parameter_names import unit_of
@@ -172,7 +173,7 @@ def _reasons(diagnosis: Diagnosis, report: ReportData) -> Iterator[Reason]:
         of_sensor = "; or the sensor lags" if delays_of_the_sensor(trials, (finding,)) else ""
         names = [sentences.effect_title(effect, axis) for effect in (finding.effect, *finding.indistinguishable)]
         yield Reason(
-            title=sentences.join_words(names, "or"),
+            title=join_words(names, "or"),
             size=size_words(finding),
             sure=f"{sentences.evidence_words(finding)}{of_sensor}",
             may_be_guess=bool(finding.estimate.assumptions.effect_caveat(finding.effect.id)),
@@ -216,5 +217,5 @@ def _no_cause_sentence(report: ReportData) -> str:
             limits.append(f"{axis.reword(effect.title)} from {shown}")
     sentence = "Every cause was tried and none was needed."
     if limits:
-        sentence += f" These would have shown: {sentences.join_words(limits[:_LIMITS_SHOWN])}."
+        sentence += f" These would have shown: {join_words(limits[:_LIMITS_SHOWN])}."
     return sentence

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from rovid.compare.comparison import Comparison
 from rovid.compare.difference_tests import DifferenceTest
+from rovid.core.errors import join_words
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.result import NEVER_IDENTIFIABLE, Diagnosis, Finding, ModelAssessment, OtherCause, not_identifiable
@@ -20,7 +21,7 @@ from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
 from rovid.present.console import ResultTable, mixed_number_column, number_column, text_column
 from rovid.present.number_format import DASH, format_number, parameter_title, rounded_errors, unit_symbol
-from rovid.present.sentences import document_key, effect_title, join_words
+from rovid.present.sentences import document_key, effect_title
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle

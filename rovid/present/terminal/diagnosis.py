@@ -8,6 +8,7 @@ from rich.text import Text
 
 from rovid.compare.comparison import Comparison, PlanarComparison
 from rovid.control.design import ControllerDesign
+from rovid.core.errors import join_words
 from rovid.core.formatting import labelled_text, plus_minus, significant
 from rovid.diagnose import result
 from rovid.diagnose.effect_trial import EffectTrial
@@ -81,7 +82,7 @@ def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehic
         if diagnosis.from_tables.causes:
             tables.explanations_table(diagnosis.from_tables).print(console, guess)
         if diagnosis.from_tables.ruled_out:
-            names = sentences.join_words([effect.title for effect in diagnosis.from_tables.ruled_out], "or")
+            names = join_words([effect.title for effect in diagnosis.from_tables.ruled_out], "or")
             print_text(console, f"would not explain the tables alone: {names}")
     _show_causes(console, diagnosis)
     if diagnosis.challengers:
@@ -196,7 +197,7 @@ def show_control(console: Console, design: ControllerDesign, guess: Assumptions)
         runs_table(design).print(console, guess)
     if design.model.effects:
         titles = [sentences.effect_title(effect, design.model.axis) for effect in design.model.effects]
-        print_text(console, f"effects of the model: {sentences.join_words(titles)}")
+        print_text(console, f"effects of the model: {join_words(titles)}")
 
 
 # Effects of the catalogue that are listed.

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from rovid.core.errors import join_words
 from rovid.core.formatting import plus_minus, rounded
 from rovid.estimate.assumed_models import SIZE_SHARES
 from rovid.estimate.estimate import PER_INERTIA
@@ -34,7 +35,7 @@ from rovid.present.console import (
     text_column,
 )
 from rovid.present.number_format import format_number, sensor_words, unit_symbol
-from rovid.present.sentences import criterion_sentence, effect_title, fit_verdict, join_words
+from rovid.present.sentences import criterion_sentence, effect_title, fit_verdict
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
 from rovid.present.tables.trials import loss_title, planar_simulation_table
 from rovid.store.planar_study import PlanarStudy

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from rovid.core.errors import join_words
 from rovid.core.formatting import plus_minus, significant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import commands_by_name
@@ -13,7 +14,7 @@ from rovid.present import console as printing
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.documents.fits import Document, fields, fit_document, parameter_document
 from rovid.present.number_format import DASH, format_number
-from rovid.present.sentences import CUT_SHORT, cause_name, evidence_words, join_words, verdict_sentence
+from rovid.present.sentences import CUT_SHORT, cause_name, evidence_words, verdict_sentence
 from rovid.store import watch_session
 from rovid.store.folder_monitor import Problem, WatchedLog
 from rovid.trial.fault import stopping
