@@ -163,7 +163,10 @@ def _blocks(
     inside = np.arange(reach, count - reach)[::stride]
     known = rates.valid[inside] & np.isfinite(windows).all(axis=1)
     rate, position = rates.rate[inside], rates.position[inside]
-    columns = [rate] if of_sensor else [rates.acceleration[inside], np.abs(rate) * rate, rate]
+    columns = [rate]
+    if not of_sensor:
+        drag = np.abs(rate) * rate
+        columns = [rates.acceleration[inside], drag, rate]
     if run.trial.axis.self_righting and not of_sensor:
         columns += [np.sin(position), np.cos(position)]
     elif memories:

@@ -118,11 +118,9 @@ def readings(sensor: Sensor, truth: Floats, current: Floats, rng: np.random.Gene
     elif sensor.kind == "gyro":
         clean = truth[:, 5:6]
     elif sensor.kind in {"dvl", "log"}:
-        over_ground = np.column_stack([
-            truth[:, 3] + np.cos(psi) * current[:, 0] + np.sin(psi) * current[:, 1],
-            truth[:, 4] - np.sin(psi) * current[:, 0] + np.cos(psi) * current[:, 1],
-        ])  # fmt: skip
-        clean = over_ground[:, : len(sensor.signals)]
+        surge = truth[:, 3] + np.cos(psi) * current[:, 0] + np.sin(psi) * current[:, 1]
+        sway = truth[:, 4] - np.sin(psi) * current[:, 0] + np.cos(psi) * current[:, 1]
+        clean = np.column_stack((surge, sway))[:, : len(sensor.signals)]
     else:
         clean = truth[:, :2]
     noisy: Floats = clean + rng.normal(0.0, sensor.noise, clean.shape)

@@ -60,10 +60,11 @@ def _outputs(campaign: Campaign) -> list[list[Floats]]:
         for k, sensor in enumerate(campaign.sensors):
             state, flow = run.truth[k], current_at(campaign, run, k)
             psi = state[:, 2]
-            columns = {
+            surge = state[:, 3] + np.cos(psi) * flow[:, 0] + np.sin(psi) * flow[:, 1]
+            sway = state[:, 4] - np.sin(psi) * flow[:, 0] + np.cos(psi) * flow[:, 1]
+            columns: dict[str, Floats] = {
                 "heading": psi, "yaw_rate": state[:, 5], "north": state[:, 0], "east": state[:, 1],
-                "surge_velocity": state[:, 3] + np.cos(psi) * flow[:, 0] + np.sin(psi) * flow[:, 1],
-                "sway_velocity": state[:, 4] - np.sin(psi) * flow[:, 0] + np.cos(psi) * flow[:, 1],
+                "surge_velocity": surge, "sway_velocity": sway,
             }  # fmt: skip
             lag = max(round(longest * sensor.rate), 1)
             columns |= {
