@@ -98,23 +98,19 @@ def response_delay(
         return None
     sums = xx.sum(axis=0), xt.sum(axis=0), tt.sum(axis=0)
     total, fitted = _residuals(sums, values)
-    best, every = _minimum(total), []
-    if best is None:
+    nearest = _nearest_minimum(total)
+    if nearest is None:
         return None
-    for at in range(len(blocks)):
-        rest = sums[0] - xx[at], sums[1] - xt[at], sums[2] - tt[at]
-        others, _ = _residuals(rest, values)
-        every.append(_minimum(others))
-    found = np.array([each for each in every if each is not None])
-    if len(found) < len(blocks):
-        return None
+    rests = ((sums[0] - xx[at], sums[1] - xt[at], sums[2] - tt[at]) for at in range(len(blocks)))
+    best, *found = (_minimum(each, nearest) for each in (total, *(_residuals(rest, values)[0] for rest in rests)))
     count, unit, middle = len(found), step * period, len(total) // 2
-    error = math.sqrt((count - 1.0) / count * float(np.sum((found - found.mean()) ** 2)))
-    at_zero, smallest = float(total[middle]), float(total.min())
+    error = math.sqrt((count - 1.0) * float(np.var(found)))
+    if not math.isfinite(best + error):
+        return None
     return ResponseDelay(
         delay=float(middle - best) * unit,
         error=error * unit,
-        improvement=1.0 - smallest / max(at_zero, 1e-300),
+        improvement=1.0 - float(total[nearest]) / max(float(total[middle]), 1e-300),
         values=fitted if values is not None else fitted[:, middle],
     )
 
@@ -208,14 +204,30 @@ def _residuals(moments: Moments, values: FloatArray | None = None) -> tuple[Floa
     return np.asarray(tt - np.sum(scaled * fitted, axis=0)), fitted / size[:, None]
 
 
-def _minimum(residuals: FloatArray) -> float | None:
-    """Place of the smallest residual by a parabola; None at an end."""
-    at = int(np.argmin(residuals))
-    if not 0 < at < len(residuals) - 1:
-        return None
-    before, here, after = residuals[at - 1 : at + 2]
-    bend = before - 2.0 * here + after
-    return at + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
+def _nearest_minimum(residuals: FloatArray) -> int | None:
+    """Minimum of the (m,) residuals that is nearest to no shift; None where a much lower residual is at an end.
+
+    Commands that repeat themselves, as a sine, fit as well when they are shifted by a period. A shift that is further
+    away has to explain a share of the residual without a shift that a nearer one leaves.
+    """
+    at = np.flatnonzero((residuals[1:-1] < residuals[:-2]) & (residuals[1:-1] <= residuals[2:])) + 1
+    before, here, after = residuals[at - 1], residuals[at], residuals[at + 1]
+    depths = here - (before - after) ** 2 / (8.0 * (before - 2.0 * here + after))  # Of the parabolas.
+    lowest, middle = min(residuals.min(), depths.min(initial=np.inf)), len(residuals) // 2
+    at = at[depths - lowest <= _EXPLAINED * residuals[middle]]
+    return int(at[np.argmin(np.abs(at - middle))]) if len(at) else None
+
+
+def _minimum(residuals: FloatArray, near: int) -> float:
+    """Place of the minimum by a parabola, downhill from the shift ``near``; nan at an end."""
+    at = near
+    while 0 < at < len(residuals) - 1:
+        before, here, after = residuals[at - 1 : at + 2]
+        if before >= here <= after:
+            bend = before - 2.0 * here + after
+            return at + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
+        at += 1 if after < before else -1
+    return math.nan
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:

@@ -61,6 +61,21 @@ def test_motion_before_the_commands_stops(vehicle: str, samples: int, seed: int)
     assert abs(fault.size + samples * interval) < 4.0 * fault.standard_error + 0.2 * interval
 
 
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_commands_that_repeat_themselves_are_late_by_no_period(vehicle: str) -> None:
+    """A sine that is shifted by a period fits as well; commands are 2 samples early, as by a lag."""
+    runs = [shifted(run, -2) for run in day(vehicle, 0)]
+    common = response_delay(runs)
+    assert common is not None
+    sines = [run for run in runs if run.trial.name.startswith("sine")]
+    assert len(sines) == 3
+    for run in sines:
+        found = response_delay([run], common.values)
+        assert found is not None
+        # The shortest period is 50 samples.
+        assert abs(found.delay - 2.0 * run.trial.sampling_interval) < 10.0 * run.trial.sampling_interval
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_log_with_the_offset_is_named(seed: int) -> None:
     runs = [shifted(run, 10) if run.trial.name == "random.csv" else run for run in day("large", seed)]
