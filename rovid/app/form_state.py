@@ -15,7 +15,7 @@ from rovid.core.errors import NAME_LENGTH, ConfigError
 from rovid.preflight.log_survey import LogSurvey, UserOverrides, all_commands
 from rovid.preflight.raw_columns import RawColumn, SignalGuess
 from rovid.trial.axis import TIME_UNITS, meant_signal
-from rovid.trial.cutting import Exclusion
+from rovid.trial.preprocessing import Exclusion
 
 
 def columns_document(

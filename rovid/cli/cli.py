@@ -126,12 +126,11 @@ def _manual(context: typer.Context, name: str | None) -> str | None:
 
 # Commands that share a module with others -> that module.
 _MODULES = {
-    **dict.fromkeys(("init", "check", "convert"), "logs"),
     **dict.fromkeys(("open", "mcp"), "report"),
     **dict.fromkeys(("fit-drag", "fit-inertia", "fit-thruster", "fit-thrust-scale"), "fit"),
     **dict.fromkeys(("diagnose", "effect", "discover"), "fit"),
     **dict.fromkeys(("simulate", "plan", "control", "export"), "models"),
-    **dict.fromkeys(("compare", "fleet", "watch"), "campaigns"),
+    **dict.fromkeys(("init", "check", "convert", "compare", "fleet", "watch"), "campaigns"),
     "help": "cli",
 }
 for _name, _page in MANUAL.items():

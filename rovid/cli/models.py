@@ -198,7 +198,7 @@ def plan(
     if matrix:
         if len(causes) == 1:
             raise ConfigError("names one cause; two or more were expected.", where="--between")
-        _plan_matrix(logs, context.parameters_at(shared), causes, effect or (), share, json=shared.json)
+        _plan_matrix(logs, shared, causes, effect or (), share)
         return
     if len({cause.id for cause in causes}) not in {0, 2} or len(causes) > 2:
         raise ConfigError("expects two different causes.", where="--between", mend="Give it once for each of them.")
@@ -227,13 +227,7 @@ def plan(
 
 
 def _plan_matrix(
-    logs: Sequence[Path] | None,
-    stored: Parameters,
-    causes: Sequence[Effect],
-    effect: Sequence[str],
-    share: float,
-    *,
-    json: bool,
+    logs: Sequence[Path] | None, shared: SharedOptions, causes: Sequence[Effect], effect: Sequence[str], share: float
 ) -> None:
     """Show which pairs of causes a programme separates: with the model of a fit, or without logs with an estimate."""
     from rovid.effects import effect_named
@@ -248,6 +242,7 @@ def _plan_matrix(
     from rovid.readers.campaign import config_without_logs
     from rovid.trial.config import Config
 
+    stored = context.parameters_at(shared)
     known, fitted = stored.effect_forms(), list[SizedCause]()
     config = None if stored.path.exists() else config_without_logs(logs or [Path()], stored.axis)
     if config and effect:
@@ -271,7 +266,7 @@ def _plan_matrix(
         tested = tested_causes(base, fitted, causes, vehicle, programme)
         found = isolability(base, tested, vehicle, programme, report)
     warnings = estimate_warnings(base.model) if config else []
-    if json:
+    if shared.json:
         context.print_json(matrix_document(found, vehicle, warnings))
     else:
         show_caution(context.console(), vehicle.assumptions)

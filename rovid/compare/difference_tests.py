@@ -183,17 +183,17 @@ class DifferenceTest:
         at = self.pair.names.index(name)
         return float(self.pair.b[at] - self.pair.a[at]), float(math.sqrt(self.pair.covariance[at, at]))
 
-    def parameter_ratio(
-        self, first: str, second: str
+    def inertia_over(
+        self, drag: str
     ) -> tuple[tuple[tuple[float, float], tuple[float, float]], tuple[float, float]] | None:
-        """Ratio of two parameters in A and in B, and B's ratio over A's, with standard errors.
+        """Inertia over a drag in A and in B, and B's ratio over A's, with standard errors.
 
-        None if a parameter is missing or not significantly larger than zero.
+        None if one of the two is missing or not significantly larger than zero.
         """
         pair = self.pair
-        if not {first, second} <= set(pair.names):
+        if not {"inertia", drag} <= set(pair.names):
             return None
-        at = [pair.names.index(first), pair.names.index(second)]
+        at = [pair.names.index("inertia"), pair.names.index(drag)]
         ratios, relative_errors = [], []
         for values, covariance in ((pair.a, pair.covariance_a), (pair.b, pair.covariance_b)):
             both, both_covariance = values[at], covariance[np.ix_(at, at)]

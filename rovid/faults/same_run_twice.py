@@ -20,9 +20,8 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CampaignData, Detection, Detectors, RunsData
-from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
-from rovid.trial.preprocessing import Run
+from rovid.trial.preprocessing import Run, measured_spans
 from rovid.trial.rates import fast_fft_length
 from rovid.trial.segments import gap_limit
 from rovid.trial.trial import Trial

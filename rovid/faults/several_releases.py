@@ -22,9 +22,8 @@ from rovid.core.errors import DataError
 from rovid.faults.base import Detection, Detectors, RunsData, TrialData
 from rovid.faults.log_regressors import first_order
 from rovid.faults.quick_model import QuickModel, fit_quick_model, log_name
-from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
-from rovid.trial.preprocessing import Run, prepare_trials
+from rovid.trial.preprocessing import Run, measured_spans, prepare_trials
 from rovid.trial.rates import highest_cutoff
 from rovid.trial.segments import find_releases, resolution
 from rovid.trial.vehicle import Vehicle

@@ -18,7 +18,7 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.model import SENSORS, PlanarActuators, PlanarCommands, PlanarForces
-from rovid.trial.cutting import with_rows
+from rovid.trial.preprocessing import with_rows
 from rovid.trial.trial import Campaign, Readings, Trial
 from rovid.trial.vehicle import Vehicle
 

@@ -17,7 +17,6 @@ from rovid.preflight.command_effects import CommandEffect
 from rovid.preflight.drive_guess import RudderGuess
 from rovid.preflight.log_survey import FULL_THRUST, GUESSED_CURVE, LogSurvey, all_commands, config_output
 from rovid.preflight.raw_columns import SignalGuess
-from rovid.preflight.signal_guess import ColumnMapping
 from rovid.preflight.thruster_guess import ThrusterCommand
 from rovid.readers import read_campaign
 from rovid.trial.assumptions import Assumptions
@@ -143,8 +142,10 @@ def _vehicle(survey: LogSurvey) -> Iterator[str]:
         value = overrides.size.get(name, published)
         if value is None:
             yield f"# {name} =       # {unit}"
+        elif value == published:
+            yield f"{name} = {value:g}    # {unit}; published, not measured here"
         else:
-            yield f"{name} = {value:g}    # {unit}{'; published, not measured here' if value == published else ''}"
+            yield f"{name} = {value:g}    # {unit}"
 
 
 def _thrusters(survey: LogSurvey) -> Iterator[str]:
@@ -164,9 +165,10 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
         source_table = inline_table({kind: command.source for kind, command in commands.items()})
         if all(command.is_motor for command in commands.values()):
             sign = next((one.direction for one in commands.values() if one.direction), 1)
-            largest = max(abs(bound) for one in commands.values() for bound in (one.lowest, one.highest))
-            most = f"{1.0 if 0.3 < largest <= 1.0 else largest:.10g}"
-            yield from config_lines("motor", sign=f"{sign:.1f}", most=most, command=source_table)
+            largest = max(max(abs(one.lowest), abs(one.highest)) for one in commands.values())
+            if 0.3 < largest <= 1.0:
+                largest = 1.0
+            yield from config_lines("motor", sign=f"{sign:.1f}", most=f"{largest:.10g}", command=source_table)
             continue
         if survey.with_planar:
             yield from _planar_shares(survey, next(iter(commands.values())).source)
@@ -229,9 +231,10 @@ def _rudder_blocks(survey: LogSurvey) -> Iterator[str]:
             mark="" if survey.with_planar else "# ",
             behind='behind = "propeller"' if behind else '# behind = "NAME"',
         )
-        if rudder.given is not None:
-            what, unit = ("coefficient", "N m s^2/(m^2 rad)") if rudder.wheelbase is None else ("wheelbase", "m")
-            yield f"{what} = {rudder.given:.10g}    # {unit}"
+        if rudder.given is not None and rudder.wheelbase is None:
+            yield f"coefficient = {rudder.given:.10g}    # N m s^2/(m^2 rad)"
+        elif rudder.given is not None:
+            yield f"wheelbase = {rudder.given:.10g}    # m"
         elif rudder.wheelbase is None:
             yield "# coefficient =       # N m s^2/(m^2 rad): not in the logs; times and ratios hold without it"
         else:
@@ -249,13 +252,6 @@ def _by_name(guesses: Iterable[tuple[str, str, Guess]]) -> dict[str, dict[str, G
     for kind, name, guess in guesses:
         named.setdefault(name, {})[kind] = guess
     return named
-
-
-def _signals_by_name(
-    found: Mapping[str, ColumnMapping] | Mapping[str, PlanarGuess],
-) -> dict[str, dict[str, SignalGuess]]:
-    """Name of a signal -> format -> its guess."""
-    return _by_name((kind, name, guess) for kind, one in found.items() for name, guess in one.signals.items())
 
 
 def _arm(survey: LogSurvey, commands: Mapping[str, ThrusterCommand]) -> Iterator[str]:
@@ -291,27 +287,28 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
     if clocks:
         if survey.unit_reason:
             yield f"# {survey.unit_reason}"
-        entries = clocks | ({} if survey.time_unit == "auto" else {"unit": survey.time_unit})
-        yield f"time = {inline_table(entries)}"
-    for name, guesses in _signals_by_name(survey.mappings).items():
-        yield from _reasons(guesses)
-        yield f"{toml_key(name)} = {_source_table(guesses)}"
-    named = _signals_by_name(survey.planar)
-    mark = "" if survey.with_planar else "# "
-    if named and mark:
-        yield from config_lines("planar_signals")
-    for name, guesses in named.items():
-        yield from _reasons(guesses)
-        yield f"{mark}{toml_key(name)} = {_source_table(guesses)}"
+        if survey.time_unit != "auto":
+            clocks["unit"] = survey.time_unit
+        yield f"time = {inline_table(clocks)}"
+    planar_mark = "# " * (not survey.with_planar)
+    for mark, found in (("", survey.mappings), (planar_mark, survey.planar)):
+        named = _by_name((kind, name, one) for kind, guess in found.items() for name, one in guess.signals.items())
+        if named and mark:
+            yield from config_lines("planar_signals")
+        for name, guesses in named.items():
+            yield from _reasons(guesses)
+            yield f"{mark}{toml_key(name)} = {_source_table(guesses)}"
     if survey.axis.position_signal in survey.unrecognised:
-        unit_name = "deg" if survey.axis.angular else "m"
-        yield f'# {survey.axis.position_signal} = {{ {next(iter(survey.mappings))} = "COLUMN", unit = "{unit_name}" }}'
+        unit, _ = survey.axis.display_unit
+        yield f'# {survey.axis.position_signal} = {{ {next(iter(survey.mappings))} = "COLUMN", unit = "{unit}" }}'
     for kind, mapping in survey.mappings.items():
         guess = survey.planar.get(kind, PlanarGuess())
         known = {one.source for one in guess.signals.values()} | {guess.propeller[0]}
-        if unused := [source for source in mapping.unused if source not in known]:
-            names = [display_text(source, LINE_LENGTH) for source in unused]
-            yield f"# {kind}: not used: {', '.join(names[:_MAX_UNUSED])}{', …' if len(names) > _MAX_UNUSED else ''}"
+        names = [display_text(source, LINE_LENGTH) for source in mapping.unused if source not in known]
+        if len(names) > _MAX_UNUSED:
+            names[_MAX_UNUSED:] = ["…"]
+        if names:
+            yield f"# {kind}: not used: {', '.join(names)}"
 
 
 def _join(survey: LogSurvey) -> Iterator[str]:
@@ -382,13 +379,13 @@ def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
     """
     shown: dict[str, CommandEffect] = {}
     for axis in ("surge", "sway"):
-        for effect in (guess.effects[axis].get(source) for guess in guesses if axis in guess.effects):
+        for guess in guesses:
+            effect = guess.effects.get(axis, {}).get(source)
             if effect is not None and effect.direction:
                 shown[axis] = effect
     if not shown:
         axis = "sway" if name_words(source) & SIDEWAYS else "surge"
         yield from config_lines("share_assumed", axis=axis)
     for axis, effect in shown.items():
-        yield from config_lines(
-            "share_shown", axis=axis, share=f"{effect.direction / math.sqrt(len(shown)):.2g}", evidence=effect.text
-        )
+        share = f"{effect.direction / math.sqrt(len(shown)):.2g}"
+        yield from config_lines("share_shown", axis=axis, share=share, evidence=effect.text)

@@ -20,8 +20,8 @@ from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, thruster
 from rovid.readers.campaign import nothing_to_read
 from rovid.trial.axis import AXES, YAW, Axis
 from rovid.trial.config import FILE_NAME
-from rovid.trial.cutting import Exclusion
 from rovid.trial.log_files import Join
+from rovid.trial.preprocessing import Exclusion
 from rovid.trial.tables import read_curve
 from rovid.trial.vehicle import ThrustCurve
 from rovid.trial.vehicle_presets import VehiclePreset, load_preset

@@ -26,7 +26,7 @@ from rovid.model.model import Model
 from rovid.model.parameter_names import without_form
 from rovid.planar.fit import PlanarFit
 from rovid.preflight.feedback_detection import detect_feedback
-from rovid.present.number_format import format_number
+from rovid.present.number_format import format_number, number_with_unit
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import PLANAR, YAW, Axis, parameter_file_name
 from rovid.trial.trial import Trial
@@ -86,6 +86,18 @@ def verdict_sentence(diagnosis: Conclusion, guess: Assumptions) -> str:
         "too_little_data": "Cannot tell. There is too little data for a diagnosis.",
     }
     return sentences[diagnosis.verdict]
+
+
+def size_words(finding: Finding) -> str:
+    """The parameters of a cause, each with its error and unit; no-break spaces join numbers and units."""
+    effect, estimate = finding.effect, finding.estimate
+    sizes = []
+    for parameter in effect.parameters:
+        name = f"{effect.key}.{parameter.name}"
+        unit, value = estimate.unit(name), plus_minus(estimate.value(name), estimate.standard_error(name))
+        words = estimate.axis.reword(parameter.name.replace("_", " "))
+        sizes.append(f"{words} {estimate.assumptions.mark_number(number_with_unit(value, unit), unit)}")
+    return ", ".join(sizes)
 
 
 def evidence_words(finding: Finding) -> str:

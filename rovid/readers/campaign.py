@@ -19,9 +19,9 @@ from rovid.faults.base import CampaignData, detectors_at, examine
 from rovid.readers.formats import READERS, read_log, trial_files
 from rovid.trial.axis import Axis
 from rovid.trial.config import Config, find_config, load_config
-from rovid.trial.cutting import split
 from rovid.trial.fault import Fault
 from rovid.trial.log_files import FORMATS, QUALIFIER, is_log, other_suffixes
+from rovid.trial.preprocessing import split
 from rovid.trial.tables import CURVE_COLUMNS, PULL_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS, has_time
 from rovid.trial.trial import Campaign, Remark, Trial
 

@@ -25,9 +25,9 @@ from rovid.trial.axis import (
     other_axes,
 )
 from rovid.trial.config_values import GUESSED, ConfigValues
-from rovid.trial.cutting import Exclusion
 from rovid.trial.fault import FAULT_IDS, FaultOverrides
 from rovid.trial.log_files import Join
+from rovid.trial.preprocessing import Exclusion
 from rovid.trial.vehicle import Thruster, Vehicle
 
 FILE_NAME = "rovid.toml"

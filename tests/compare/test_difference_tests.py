@@ -144,7 +144,7 @@ def test_a_thruster_without_a_gain_is_a_candidate() -> None:
 
 
 def test_parameter_ratios_do_not_depend_on_thrust() -> None:
-    sides, over = found(pair(CASES["thrust"][0])).parameter_ratio("inertia", "quadratic_drag") or pytest.fail("known")
+    sides, over = found(pair(CASES["thrust"][0])).inertia_over("quadratic_drag") or pytest.fail("known")
     assert math.isclose(over[0], 1.0, abs_tol=1e-9)
     assert math.isclose(sides[0][0], 5000.0 / 3500.0)
 

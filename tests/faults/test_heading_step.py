@@ -13,7 +13,7 @@ from rovid.faults.base import TrialData
 from rovid.faults.heading_step import DETECTORS
 from rovid.readers.ulg_reader import _resets
 from rovid.trial.axis import AXES
-from rovid.trial.cutting import split
+from rovid.trial.preprocessing import split
 from tests.faults.drives import drives, found, undamaged
 from tests.synthetic import VEHICLE
 

@@ -11,8 +11,8 @@ import pytest
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.base import ClockData, ClocksData, detectors_at, examine
-from rovid.trial.cutting import split
 from rovid.trial.fault import FaultOverrides
+from rovid.trial.preprocessing import split
 from tests.faults.clocks import COMMANDS, TIME_CONSTANTS, clock, examined, motion, undamaged
 from tests.faults.drives import drives
 

@@ -11,8 +11,8 @@ import pytest
 from rovid.faults.base import TrialData
 from rovid.faults.position_step import DETECTORS
 from rovid.trial.axis import axis_named
-from rovid.trial.cutting import split
 from rovid.trial.fault import Fault
+from rovid.trial.preprocessing import split
 from rovid.trial.trial import Readings, Trial
 from tests.faults.drives import drives
 from tests.synthetic import VEHICLE

@@ -11,8 +11,7 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CommandData, RunsData
 from rovid.faults.stale_commands import DETECTORS
-from rovid.trial.cutting import split
-from rovid.trial.preprocessing import Run
+from rovid.trial.preprocessing import Run, split
 from tests.faults.days import day
 from tests.faults.drives import drives, found
 from tests.readers.logs import read_csv

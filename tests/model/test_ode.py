@@ -13,7 +13,7 @@ from rovid.effects.base import Actuating
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
 from rovid.model.ode import initial_rate, with_moved_past, with_past
-from rovid.trial.cutting import split
+from rovid.trial.preprocessing import split
 from rovid.trial.trial import Trial
 from tests import synthetic
 from tests.effects.test_effects import EVERY, VEHICLE, logs, numbers

@@ -15,7 +15,7 @@ from rovid.preflight.log_survey import CHOSEN, LogSurvey, SurveyOptions, UserOve
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.readers.campaign import read_campaign
 from rovid.trial.config import load_config
-from rovid.trial.cutting import Exclusion
+from rovid.trial.preprocessing import Exclusion
 from tests.app.conftest import logs_into
 from tests.conftest import Rovid
 

@@ -13,7 +13,7 @@ import pytest
 from rovid.core.errors import ConfigError
 from rovid.trial.axis import AXES
 from rovid.trial.config import load_config
-from rovid.trial.cutting import Exclusion, split
+from rovid.trial.preprocessing import Exclusion, split
 from rovid.trial.trial import Remark, merged_remarks
 from tests.conftest import SAMPLES, Rovid
 from tests.synthetic import assert_same_trial, clock, trial

@@ -16,7 +16,7 @@ from rovid.export.verification import VerifiedExport, load_exporter, verified_ex
 from rovid.model.model import Model
 from rovid.model.simulation import simulate_runs
 from rovid.present.documents.diagnosis import all_faults
-from rovid.present.page.page_files import claim_page, pdf_output, print_pdf, require_browser
+from rovid.present.page.page_files import claim_page, write_pdf
 from rovid.present.page.render import write_report
 from rovid.present.report_data import ReportData, separations, simulate_nested_models
 from rovid.store.checks import JOINT_METHODS, check_freshness
@@ -64,10 +64,7 @@ def build_report(
     """
     inputs = input_files(study.paths)
     parameters = OutputSet([stored.output, history_output(stored.path)], force=force, protected=inputs)
-    protected = [*inputs, stored.path]
-    page = claim_page(folder, "inertia", force=force, protected=protected)
-    browser = require_browser() if pdf else ""
-    paper = OutputSet([pdf_output(folder)] if pdf else [], force=force, protected=protected)
+    page = claim_page(folder, "inertia", pdf=pdf, force=force, protected=[*inputs, stored.path])
     data = _identified(stored, study, parameters, report, diagnosed=diagnosed, budget=budget)
     data = _with_control_and_exports(data, study, report, controlled=controlled, exported=exported)
     report("Drawing and writing the page …")
@@ -80,7 +77,7 @@ def build_report(
     written = write_report(folder, data, claim=page, journal=journal)
     if pdf:
         report("Printing the page …")
-        paper.write({pdf_output(folder): print_pdf(written, browser)})
+        write_pdf(written, page)
     return written, data
 
 

@@ -230,12 +230,25 @@ def require_same_vehicle(folder: Path, name: str) -> None:
         raise OutputError(text, where=page, mend=mend)
 
 
-def claim_page(folder: Path, plot: str, *, force: bool, protected: Iterable[Path]) -> OutputSet:
-    """Permission to write a page into ``folder``. Raises OutputError if it cannot be written, or has another's file."""
+def claim_page(
+    folder: Path, plot: str, *, pdf: bool = False, force: bool = False, protected: Iterable[Path] = ()
+) -> OutputSet:
+    """Permission to write a page, and its print as ``pdf``, into ``folder``.
+
+    Raises OutputError if a file cannot be written, or is another program's. Raises ConfigError if there is no browser
+    to print with.
+    """
+    if pdf:
+        require_browser()
     # The plots are not known yet; one stands for those that do not exist.
     first = OutputFile(folder / "plots" / f"{plot}.png", png_signature("report"))
     outputs = dict.fromkeys((OutputFile(folder / "index.html", PAGE), *existing_plots(folder / "plots"), first))
-    return OutputSet(list(outputs), force=force, protected=protected)
+    return OutputSet([*outputs, *[pdf_output(folder)] * pdf], force=force, protected=protected)
+
+
+def write_pdf(page: Path, claim: OutputSet) -> None:
+    """Print ``page`` into the PDF of its folder."""
+    claim.write({pdf_output(page.parent): print_pdf(page, require_browser())})
 
 
 def write_page(folder: Path, text: str, plots: Mapping[OutputFile, bytes], claim: OutputSet) -> Path:

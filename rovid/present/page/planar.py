@@ -25,7 +25,6 @@ from rovid.present.console import ResultTable
 from rovid.present.documents.diagnosis import next_planar_experiment
 from rovid.present.number_format import sensor_words
 from rovid.present.page import page_files
-from rovid.present.page.summary import size_words
 from rovid.present.plots import canvas
 from rovid.present.plots import models as plots
 from rovid.present.tables.fits import planar_parameters_table
@@ -82,9 +81,7 @@ def build_planar_report(
     ``journal``: Widths as "84mm": the plots are also written that wide.
     """
     inputs = [*input_files(study.logs.paths), stored.path]
-    claim = page_files.claim_page(folder, "planar_tracks", force=force, protected=inputs)
-    browser = page_files.require_browser() if pdf else ""
-    paper = OutputSet([page_files.pdf_output(folder)] if pdf else [], force=force, protected=inputs)
+    claim = page_files.claim_page(folder, "planar_tracks", pdf=pdf, force=force, protected=inputs)
     diagnosis = study.diagnosis(report, budget=budget) if diagnosed else None
     if diagnosis is not None and diagnosis.base is not None and diagnosis.extended is not None:
         base, full = diagnosis.base.fit, diagnosis.extended.fit
@@ -114,7 +111,7 @@ def build_planar_report(
     page = _write(folder, contents, claim, journal)
     if pdf:
         report("Printing the page …")
-        paper.write({page_files.pdf_output(folder): page_files.print_pdf(page, browser)})
+        page_files.write_pdf(page, claim)
     return page, contents
 
 
@@ -211,8 +208,8 @@ def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]
     causes, cause_words = () if found is None else found.causes, []
     for cause in causes:
         name = sentences.cause_name(cause)
-        text = f"{name[:1].upper()}{name[1:]}: {size_words(cause)}. {sentences.evidence_words(cause).capitalize()}."
-        cause_words.append(text)
+        evidence = sentences.evidence_words(cause).capitalize()
+        cause_words.append(f"{name[:1].upper()}{name[1:]}: {sentences.size_words(cause)}. {evidence}.")
     context: dict[str, Any] = {
         "vehicle": study.vehicle,
         "minutes": sum(run.duration for run in study.data.runs) / 60.0,

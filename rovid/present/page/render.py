@@ -13,7 +13,7 @@ from rovid import __version__
 from rovid.compare.comparison import Comparison
 from rovid.core.formatting import plus_minus
 from rovid.core.output_files import OutputFile, OutputSet
-from rovid.diagnose.result import discriminating_experiment
+from rovid.diagnose.result import NEVER_IDENTIFIABLE, discriminating_experiment, not_identifiable
 from rovid.effects import restoring_effect
 from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import base_names
@@ -21,7 +21,7 @@ from rovid.present import sentences
 from rovid.present.number_format import arm_words, parameter_title, steady_state_words, unit_symbol
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.page_files import claim_page, long_date, read_assets, template_environment, write_page
-from rovid.present.page.summary import size_words, summarize
+from rovid.present.page.summary import summarize
 from rovid.present.page.viewer_data import viewer_document
 from rovid.present.plots.canvas import WIDTH, journal_plots, render_inline_svg
 from rovid.present.plots.results import plot_drag, plot_ratios
@@ -108,7 +108,7 @@ def write_report(
     ``today``: The date on the page; today's date, UTC, if None.
     ``journal``: Widths as "84mm": the plots are also written that wide, each width into a folder of its name.
     """
-    claim = claim or claim_page(folder, "inertia", force=False, protected=())
+    claim = claim or claim_page(folder, "inertia")
     figures = draw_figures(report)
     text = render_page(report, figures, today=today or datetime.now(UTC).date())
     plots = figures.files(folder / "plots")
@@ -130,7 +130,7 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
     # Without an inertia there is no model of the parameters, and the simulations are those of the diagnosis.
     axis, simulations = report.axis, report.simulations_with
     missing = list(_missing_parameters(report))
-    residual_sizes = None
+    unidentifiable, residual_sizes = not_identifiable(report.vehicle, report.diagnosis), None
     if report.runs is not None and report.simulations:
         residual_sizes = rms_sizes(unexplained_torques(report.runs, report.parameters.model(), report.vehicle))
     # Inertia that the water adds to the rigid body, where both are known and no guesses.
@@ -151,7 +151,7 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "answer": summarize(report),
         "added": added,
         "correlations": fits.correlation_table(report.parameters),
-        "unidentifiable": diagnosis.unidentifiable_words(report.vehicle, report.diagnosis),
+        "unidentifiable": [text for name, text in unidentifiable.items() if name not in NEVER_IDENTIFIABLE],
         "residual_sizes": residual_sizes,
         "effects": report.parameters.effect_forms(),
         "missing": missing,
@@ -163,7 +163,7 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "methods": METHODS,
         "sections": _sections(report, figures),
         "control_verdict": sentences.control_verdict,
-        "size_of": size_words,
+        "size_of": sentences.size_words,
         "evidence_words": sentences.evidence_words,
         "evidence_definitions": sentences.evidence_definitions,
         "effect_title": sentences.effect_title,

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from rovid.core.errors import join_words
-from rovid.core.formatting import plus_minus
-from rovid.diagnose.result import Diagnosis, Finding, delays_of_the_sensor, next_experiment
+from rovid.diagnose.result import Diagnosis, delays_of_the_sensor, next_experiment
 from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS, simulation_errors
 from rovid.present import sentences
@@ -174,24 +173,12 @@ def _reasons(diagnosis: Diagnosis, report: ReportData) -> Iterator[Reason]:
         names = [sentences.effect_title(effect, axis) for effect in (finding.effect, *finding.indistinguishable)]
         yield Reason(
             title=join_words(names, "or"),
-            size=size_words(finding),
+            size=sentences.size_words(finding),
             sure=f"{sentences.evidence_words(finding)}{of_sensor}",
             may_be_guess=bool(finding.estimate.assumptions.effect_caveat(finding.effect.id)),
         )
     for signal, _ in diagnosis.signals:
         yield Reason(title=axis.reword(signal.title), size="", sure="a dependence without a known cause")
-
-
-def size_words(finding: Finding) -> str:
-    """The parameters of a cause, each with its error and unit."""
-    effect, estimate = finding.effect, finding.estimate
-    sizes = []
-    for parameter in effect.parameters:
-        name = f"{effect.key}.{parameter.name}"
-        unit, value = estimate.unit(name), plus_minus(estimate.value(name), estimate.standard_error(name))
-        words = estimate.axis.reword(parameter.name.replace("_", " "))
-        sizes.append(f"{words} {estimate.assumptions.mark_number(number_with_unit(value, unit), unit)}")
-    return ", ".join(sizes)
 
 
 def _no_cause_sentence(report: ReportData) -> str:

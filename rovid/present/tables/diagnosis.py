@@ -8,7 +8,7 @@ from rovid.compare.difference_tests import DifferenceTest
 from rovid.core.errors import join_words
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.candidate_fits import Alternative
-from rovid.diagnose.result import NEVER_IDENTIFIABLE, Diagnosis, Finding, ModelAssessment, OtherCause, not_identifiable
+from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment, OtherCause
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.tables import TableDiagnosis
 from rovid.diagnose.thresholds import ESTABLISHED
@@ -28,12 +28,6 @@ from rovid.trial.vehicle import Vehicle
 
 # Number of alternative causes that tables and plots show.
 ALTERNATIVES_SHOWN = 8
-
-
-def unidentifiable_words(vehicle: Vehicle, diagnosis: Diagnosis | None) -> list[str]:
-    """Quantities that the data cannot determine, besides the scales of thrust and rate."""
-    found = not_identifiable(vehicle, diagnosis)
-    return [text for name, text in found.items() if name not in NEVER_IDENTIFIABLE]
 
 
 def indistinguishable_names(finding: Finding) -> str:
@@ -219,7 +213,7 @@ def inertia_ratios(comparison: Comparison) -> Iterator[tuple[str, Sides, tuple[f
     """Symbols, values of both campaigns, their quotient, and unit of inertia over each drag that is known."""
     changes, axis = comparison.changes, comparison.a.axis
     for drag, symbols, unit in (("quadratic_drag", "I/DQ", "rad"), ("linear_drag", "I/DL", "s")):
-        found = changes.parameter_ratio("inertia", drag)
+        found = changes.inertia_over(drag)
         if found is not None:
             sides, over = found
             yield symbols, sides, over, axis.unit(unit)

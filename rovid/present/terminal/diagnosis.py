@@ -120,16 +120,9 @@ def _show_causes(console: Console, diagnosis: result.Conclusion) -> None:
 def show_finding(console: Console, finding: result.Finding) -> None:
     """Print a cause with its parameters, its evidence, and the run that decides between alternatives."""
     effect, estimate = finding.effect, finding.estimate
-    sizes = []
-    for parameter in effect.parameters:
-        name = f"{effect.key}.{parameter.name}"
-        value = plus_minus(estimate.value(name), estimate.standard_error(name))
-        guessed = "guessed " * estimate.is_placeholder(name)
-        title = estimate.axis.reword(parameter.name.replace("_", " "))
-        sizes.append(f"{title} {guessed}{value} {unit_symbol(estimate.unit(name))}".rstrip())
     console.print()
     name = sentences.cause_name(finding)
-    print_labelled(console, f"{name[:1].upper()}{name[1:]}:", ", ".join(sizes))
+    print_labelled(console, f"{name[:1].upper()}{name[1:]}:", sentences.size_words(finding).replace("\u00a0", " "))
     if caveat := estimate.assumptions.effect_caveat(effect.id):
         print_text(console, Text(f"  {caveat}", style="red"), 2)
     print_text(console, f"  {sentences.evidence_words(finding)}", 2)
