@@ -221,7 +221,7 @@ def plan_record(plan: ExperimentPlan, vehicle: Vehicle) -> to.PlanRecord:
     document = results.plan_document(plan, vehicle, "", "", ()) | {"command_file": None, "picture": None}
     return to.PlanRecord(
         document=document,
-        show=lambda console: show_results.show_plan(console, plan, ()),
+        show=lambda console: show_results.show_plan(console, plan, (), vehicle.assumptions, ()),
         draw=draw,
         table=lambda: _frame(document["runs"]),
         decides=plan.is_decisive,
@@ -267,7 +267,7 @@ def export_record(name: str, made: VerifiedExport, vehicle: Vehicle) -> to.Expor
     percentages = [key for key in document["mismatch"] if key.endswith("percent_of_range")]
     return to.ExportRecord(
         document=document,
-        show=lambda console: show_results.show_export(console, Path(name), made),
+        show=lambda console: show_results.show_export(console, Path(name), made, vehicle.assumptions),
         draw=draw,
         table=lambda: _frame(document["not_held"], ["what", "why", *percentages]),
         format=name,

@@ -126,32 +126,39 @@ def parse_form(document: object) -> FormState:
         commands, signals = document.get("commands"), document.get("signals")
         sizes = {key: value for key, value in document.get("size", {}).items() if key in _SIZES and value is not None}
         every = [command for group in (commands or {}).values() for command in group]
-        exclusions = []
+        arms, directions, names, exclusions = {}, {}, {}, []
+        for one in every:
+            source = _text(one["source"])
+            if one.get("arm") is not None:
+                arms[source] = _number(one["arm"])
+            if one.get("angle") is not None:
+                directions[source] = math.radians(_number(one["angle"]))
+            if one.get("name"):
+                names[source] = _text(one["name"])
         for one in document.get("leave_out", []):
             log, reason, end = _text(one["log"]), _text(one.get("reason", "")), one.get("to")
             begin, end = _number(one.get("from") or 0.0), math.inf if end is None else _number(end)
             exclusions.append(Exclusion(log=log, begin=begin, end=end, reason=reason))
-        angles = {_text(one["source"]): _number(one["angle"]) for one in every if one.get("angle") is not None}
         overrides = UserOverrides(
             name=_text(document.get("name", "")),
             size={key: _number(sizes[key], least=1e-6) for key in _SIZES if key in sizes},
             signals=None if signals is None else {kind: _signals(group) for kind, group in signals.items()},
             commands=None if commands is None else frozenset(_text(command["source"]) for command in every),
-            arms={_text(one["source"]): _number(one["arm"]) for one in every if one.get("arm") is not None},
-            directions={source: math.radians(angle) for source, angle in angles.items()},
-            names={_text(one["source"]): _text(one["name"]) for one in every if one.get("name")},
+            arms=arms,
+            directions=directions,
+            names=names,
             rudders={_text(name): _number(one, least=1e-9) for name, one in document.get("rudders", {}).items()},
             exclusions=tuple(exclusions),
         )
-        name, time_unit = document.get("vehicle", ""), document.get("time_unit", "auto")
+        vehicle, time_unit = document.get("vehicle", ""), document.get("time_unit", "auto")
         # A preset file of the user is for the command line only: the page reads nothing outside of its folder.
-        if not isinstance(name, str) or name.endswith(".toml"):
+        if not isinstance(vehicle, str) or vehicle.endswith(".toml"):
             raise ValueError("vehicle")
         if time_unit not in TIME_UNITS:
             raise ValueError("time_unit")
         return FormState(
             logs=tuple(map(str, document["logs"])),
-            vehicle=name,
+            vehicle=vehicle,
             signals=overrides.signals,
             overrides=overrides,
             document=document,

@@ -56,10 +56,7 @@ def init(
         axis=context.named_axis(shared.axis), headings=headings, commands=commands, vehicle=vehicle or "", planar=planar
     )
     found, written = write_config(survey(logs, options), logs, force=shared.force)
-    if shared.json:
-        context.print_json(survey_document(found, written))
-    else:
-        show_survey(context.console(), found, written)
+    context.print_either(survey_document(found, written), show_survey, found, written, json=shared.json)
 
 
 def check(logs: list[Path], *, shared: SharedOptions) -> None:
@@ -151,15 +148,10 @@ def compare(
         for page in pages:
             report("Drawing and writing the page …")
             write_comparison(outputs, page, comparison, assumptions, notes)
-    if shared.json:
-        document = comparison_document(comparison, assumptions, notes)
-        for page in pages:
-            document["page"] = str(page.path)
-        context.print_json(document)
-        return
-    show_comparison(context.console(), comparison, assumptions, notes)
-    for page in pages:
-        context.console().print(str(page.path), highlight=False, soft_wrap=True)
+    document = comparison_document(comparison, assumptions, notes)
+    if output is not None:
+        document["page"] = str(output)
+    context.print_either(document, show_comparison, comparison, assumptions, notes, output, json=shared.json)
 
 
 def _campaigns(given: list[Path], shared: SharedOptions) -> tuple[tuple[CampaignFit, CampaignFit], list[str]]:
@@ -213,10 +205,8 @@ def _compare_planar(given: list[Path], shared: SharedOptions, matters: float) ->
         a, b = planar_campaigns((given[0], given[1]), report, shared.budget)
         comparison = compare_planar(a, b, relevant_change=matters)
     notes = [*notes, *(f"{clause[0].upper()}{clause[1:]}." for clause in comparison.open_questions)]
-    if shared.json:
-        context.print_json(planar_comparison_document(comparison, notes))
-    else:
-        show_planar_comparison(context.console(), comparison, notes)
+    document = planar_comparison_document(comparison, notes)
+    context.print_either(document, show_planar_comparison, comparison, notes, json=shared.json)
 
 
 def fleet(
@@ -242,10 +232,7 @@ def fleet(
     )
     with progress("Looking for campaigns …") as report:
         result = run_fleet(folders, output, options, force=shared.force, report=report)
-    if shared.json:
-        context.print_json(fleet_document(result))
-    else:
-        show_fleet(context.console(), result)
+    context.print_either(fleet_document(result), show_fleet, result, json=shared.json)
 
 
 def watch(

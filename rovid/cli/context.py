@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -256,23 +256,28 @@ def announce_compilation() -> None:
         sys.stderr.write("Compiling the simulation for this machine, once …\n")
 
 
-def print_json(document: Any) -> None:
+def print_json(document: Mapping[str, Any]) -> None:
     """Print the document of --json."""
     from rovid.core.formatting import to_json
 
     if "rovid.effects.plugins" in sys.modules and "warnings" in document:
         from rovid.effects.plugins import plugin_warnings
 
-        document["warnings"] = [*plugin_warnings(), *document["warnings"]]
+        document = {**document, "warnings": [*plugin_warnings(), *document["warnings"]]}
     typer.echo(to_json(document))
+
+
+def print_either(document: Mapping[str, Any], show: Callable[..., None], *shown: Any, json: bool) -> None:
+    """Print the document of --json, or else what ``show`` prints of ``shown``."""
+    if json:
+        print_json(document)
+    else:
+        show(console(), *shown)
 
 
 def print_record(record: Record, *, json: bool, document: Mapping[str, Any] = MappingProxyType({})) -> None:
     """Print a result, or its document with further keys of ``document``."""
-    if json:
-        print_json({**record.document, **document})
-    else:
-        record.show(console())
+    print_either({**record.document, **document}, record.show, json=json)
 
 
 def console() -> Console:

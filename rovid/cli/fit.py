@@ -93,10 +93,7 @@ def fit_thruster(
     table = read_table(bench, headerless=CURVE_COLUMNS)
     result = fit_thrust_curve(*bench_readings(table, command=command, thrust=thrust, unit=unit))
     outputs.write({curve: curve_csv(result.curve.command, result.curve.thrust)})
-    if json:
-        context.print_json(bench_document(result, str(curve.path)))
-    else:
-        show_bench(context.console(), result, curve.path)
+    context.print_either(bench_document(result, str(curve.path)), show_bench, result, curve.path, json=json)
 
 
 def fit_thrust_scale(
@@ -127,10 +124,7 @@ def fit_thrust_scale(
     else:
         text = "TESTS, or --before, --after and --added together, were expected."
         raise ConfigError(text, where="rovid fit-thrust-scale", mend="See `rovid fit-thrust-scale --help`.")
-    if json:
-        context.print_json(thrust_scale_document(scale, given))
-    else:
-        show_thrust_scale(context.console(), scale, given)
+    context.print_either(thrust_scale_document(scale, given), show_thrust_scale, scale, given, json=json)
 
 
 def _common_scale(before: Parameters, after: Parameters) -> float:
@@ -158,13 +152,13 @@ def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
 
     config, table = load_config_of_any_axis(find_config([path])), read_table(path)
     vehicle = config.vehicle
-    columns = {
-        thruster: [name for name in (signal.sources.get("csv", ""), thruster.name) if name in table.header][:1]
-        for thruster, signal in zip(vehicle.thrusters, config.commands, strict=True)
-        if thruster.curve is not None
-    }
+    acting = []
+    for thruster, signal in zip(vehicle.thrusters, config.commands, strict=True):
+        names = [name for name in (signal.sources.get("csv", ""), thruster.name) if name in table.header]
+        if thruster.curve is not None and names:
+            acting.append((thruster, thruster.curve, names[0]))
     measured = [name for name in PULL_COLUMNS if name in table.header]
-    if len(measured) != 1 or not any(columns.values()):
+    if len(measured) != 1 or not acting:
         wanted = [signal.sources.get("csv", signal.name) for signal in config.commands]
         text = f"has the columns {', '.join(table.header)}; one of force_N, weight_N and torque_Nm, and commands "
         text += f"({', '.join(wanted)}) were expected."
@@ -175,10 +169,8 @@ def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
     # A force is along the axis of a vehicle that moves along one, else along the thrusters.
     along = in_torque or not config.axis.angular
     thrust = np.zeros(len(table.rows))
-    for thruster, (name, *_) in ((one, found) for one, found in columns.items() if found):
-        command, curve = table.numbers(name), thruster.curve
-        if curve is None:  # Left out above.
-            continue
+    for thruster, curve, name in acting:
+        command = table.numbers(name)
         if curve.excess(command):
             low, high = curve.command[[0, -1]]
             text = f"{name} leaves the curve of {thruster.name}, which ends at {low:g} and {high:g}."
@@ -243,10 +235,8 @@ def effect(action: str, name: str, logs: list[Path] | None = None, *, shared: Sh
         study.require_sound()
         with progress("Fitting …") as report:
             found = try_effect(study.runs, study.vehicle, forms, Budget(seconds=study.default_budget, report=report))
-        if shared.json:
-            context.print_json(effect_trial_document(found, study.remarks()))
-        else:
-            show_effect_trial(context.console(), found, study.remarks())
+        document = effect_trial_document(found, study.remarks())
+        context.print_either(document, show_effect_trial, found, study.remarks(), json=shared.json)
     else:
         _write_effect(name, shared)
 
@@ -277,7 +267,6 @@ def discover(logs: list[Path], *, write: Path | None = None, plot: Path | None =
     from rovid.core.output_files import EFFECT_FILE, OutputFile, OutputSet, png_signature
     from rovid.diagnose.formulas.discovery import discover as find_formulas
     from rovid.effects.plugins import is_id
-    from rovid.present.console import print_path, show_caution, show_warnings
     from rovid.present.documents.results import discovery_document
     from rovid.present.terminal.diagnosis import show_discovery
     from rovid.store.study import input_files
@@ -307,11 +296,5 @@ def discover(logs: list[Path], *, write: Path | None = None, plot: Path | None =
         outputs.write(contents)
     warnings = [*study.remarks(), *found.warnings]
     written = {name: str(file.path) for name, file in wanted.items()} if found.formulas else {}
-    if shared.json:
-        context.print_json(discovery_document(found, warnings) | written)
-        return
-    show_caution(context.console(), study.vehicle.assumptions)
-    show_discovery(context.console(), found)
-    show_warnings(context.console(), warnings)
-    for path in written.values():
-        print_path(context.console(), f"written to {path}")
+    document, guess = discovery_document(found, warnings) | written, study.vehicle.assumptions
+    context.print_either(document, show_discovery, found, guess, warnings, written.values(), json=shared.json)

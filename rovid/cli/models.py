@@ -72,7 +72,6 @@ def control(
     from rovid.control.design import design_controller
     from rovid.core.errors import ConfigError
     from rovid.core.output_files import C_SOURCE, PYTHON_SOURCE, OutputFile
-    from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import control_document
     from rovid.present.terminal.diagnosis import show_control
     from rovid.trial.fault import fault_texts
@@ -108,12 +107,8 @@ def control(
     if generators and isinstance(result.law, ControlLaw):
         outputs.write({output: source(result.law, assumptions) for output, source in generators.items()})
     warnings = [*fault_texts(study.faults), *study.remarks(), *remarks]
-    if shared.json:
-        context.print_json(control_document(result, warnings, assumptions))
-    else:
-        show_caution(context.console(), assumptions)
-        show_control(context.console(), result, assumptions)
-        show_warnings(context.console(), warnings)
+    document = control_document(result, warnings, assumptions)
+    context.print_either(document, show_control, result, assumptions, warnings, json=shared.json)
 
 
 def export(
@@ -127,7 +122,6 @@ def export(
     from rovid.export.interface import export_input
     from rovid.export.planar_input import planar_input
     from rovid.export.verification import select_exporter, verified_export
-    from rovid.present.console import show_caution
     from rovid.present.documents.results import export_document
     from rovid.present.terminal.results import show_export
 
@@ -150,11 +144,8 @@ def export(
         exported = verified_export(exporter, replace(subject, guess=assumptions))
     exported = replace(exported, warnings=(*exported.warnings, *remarks))
     outputs.write({target: exported.content})
-    if shared.json:
-        context.print_json(export_document(format, str(target.path), exported, assumptions))
-    else:
-        show_caution(context.console(), assumptions)
-        show_export(context.console(), target.path, exported)
+    document = export_document(format, str(target.path), exported, assumptions)
+    context.print_either(document, show_export, target.path, exported, assumptions, json=shared.json)
 
 
 def plan(
@@ -177,7 +168,6 @@ def plan(
     from rovid.effects import effect_named
     from rovid.estimate.candidate_runs import RunLimits
     from rovid.estimate.experiment_design import command_csv
-    from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import plan_document
     from rovid.present.plots.results import plan_picture
     from rovid.present.terminal.results import show_plan
@@ -218,12 +208,9 @@ def plan(
     if not (effects or causes or stored.path.exists()):
         reason = "does not exist, so the run is planned for a model without causes"
         warnings = [f"{stored.path} {reason}. Give the parameter file of a diagnosis with -p."]
-    if shared.json:
-        context.print_json(plan_document(found, study.vehicle, str(commands.path), str(picture.path), warnings))
-    else:
-        show_caution(context.console(), study.vehicle.assumptions)
-        show_plan(context.console(), found, [commands.path, picture.path])
-        show_warnings(context.console(), warnings)
+    document = plan_document(found, study.vehicle, str(commands.path), str(picture.path), warnings)
+    shown = found, [commands.path, picture.path], study.vehicle.assumptions, warnings
+    context.print_either(document, show_plan, *shown, json=shared.json)
 
 
 def _plan_matrix(
@@ -235,7 +222,6 @@ def _plan_matrix(
     from rovid.estimate.candidate_runs import standard_programme
     from rovid.estimate.experiment_design import candidate_model, require_thrusters
     from rovid.estimate.isolability import isolability
-    from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import matrix_document
     from rovid.present.sentences import estimate_warnings
     from rovid.present.terminal.results import show_matrix
@@ -266,12 +252,8 @@ def _plan_matrix(
         tested = tested_causes(base, fitted, causes, vehicle, programme)
         found = isolability(base, tested, vehicle, programme, report)
     warnings = estimate_warnings(base.model) if config else []
-    if shared.json:
-        context.print_json(matrix_document(found, vehicle, warnings))
-    else:
-        show_caution(context.console(), vehicle.assumptions)
-        show_matrix(context.console(), found)
-        show_warnings(context.console(), warnings)
+    document = matrix_document(found, vehicle, warnings)
+    context.print_either(document, show_matrix, found, vehicle.assumptions, warnings, json=shared.json)
 
 
 def _stale_effects(stored: Parameters, study: Study) -> list[str]:
@@ -309,7 +291,5 @@ def _plan_planar(
     outputs.write({commands: command_csv(found.ranked)})
     warnings = [*study.remarks(), *map(study.vehicle.assumptions.mark_sentence, found.warnings)]
     warnings += _stale_effects(stored, study.logs)
-    if shared.json:
-        context.print_json(planar_plan_document(found, study.vehicle, str(commands.path), warnings))
-    else:
-        show_planar_plan(context.console(), found, study, [commands.path], warnings)
+    document = planar_plan_document(found, study.vehicle, str(commands.path), warnings)
+    context.print_either(document, show_planar_plan, found, study, [commands.path], warnings, json=shared.json)

@@ -16,7 +16,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import TextTemplates, python_docstring
 from rovid.core.output_files import export_mark
-from rovid.export.interface import PERIOD, ExportInput, ExportResult, repeat_held, unit_forces
+from rovid.export.interface import PERIOD, ExportInput, ExportResult, Simulate, repeat_held, unit_forces
 from rovid.export.planar_input import PlanarInput
 from rovid.export.thruster_curves import THRUST_LAG, ThrusterCurve, number_list
 
@@ -74,6 +74,25 @@ def vehicle_in(module: str) -> Any:
     return space["RovidVehicle"]()
 
 
+def _simulation(content: str, columns: Sequence[int], shown: Sequence[int], newest: float) -> Simulate:
+    """Simulation by the written class: commands in ``columns``, velocities ``shown`` of nu.
+
+    The heading grows by the mean of the yaw rates before and after each step, the ``newest`` with this weight.
+    """
+
+    def simulate(commands: FloatArray) -> FloatArray:
+        simulated = vehicle_in(content)
+        nu, actual, eta, rows = simulated.nu, simulated.u_actual, np.zeros(6), []
+        for control in repeat_held(commands[:, columns], STEP):
+            rows.append(nu[shown])
+            before = nu[5]
+            nu, actual = simulated.dynamics(eta, nu, actual, control, STEP)
+            eta[5] += STEP * ((1.0 - newest) * before + newest * nu[5])
+        return np.array(rows[:: round(PERIOD / STEP)])
+
+    return simulate
+
+
 def export_module(subject: ExportInput) -> ExportResult:
     """A module with the class RovidVehicle."""
     model = subject.model
@@ -96,19 +115,9 @@ def export_module(subject: ExportInput) -> ExportResult:
         methods=_TEXTS["methods"].format(terms="".join(terms)),
         advance=_TEXTS["advance"],
     )
-
-    def simulate(commands: FloatArray) -> FloatArray:
-        simulated = vehicle_in(content)
-        nu, actual, eta, rates = simulated.nu, simulated.u_actual, np.zeros(6), []
-        for control in repeat_held(commands, STEP):
-            rates.append(nu[5:])
-            nu, actual = simulated.dynamics(eta, nu, actual, control, STEP)
-            eta[5] += STEP * nu[5]
-        return np.array(rates[:: round(PERIOD / STEP)])
-
     return ExportResult(
         content=content,
-        simulate=simulate,
+        simulate=_simulation(content, range(len(subject.curves)), [5], 1.0),
         equation=subject.equation(STEP, **subject.drag_terms),
         kept_effects=subject.curve_keys | (subject.effects.keys() & {*_TERMS, subject.lag.key}),
         notes=(_NOTES[0], "Yaw alone moves: surge to pitch keep their velocity.", _NOTES[1]),
@@ -127,7 +136,8 @@ _PLANAR_TERMS = {
 
 def export_planar_module(subject: PlanarInput) -> ExportResult:
     """A module with the class RovidVehicle."""
-    columns = [one.name for one in subject.vehicle.thrusters]
+    names = [one.name for one in subject.vehicle.thrusters]
+    columns = [names.index(curve.name) for curve in subject.curves]
     linear, absolute, _ = subject.damping
     terms = [_PLANAR_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _PLANAR_TERMS]
     north, east = subject.model.current
@@ -155,23 +165,11 @@ def export_planar_module(subject: PlanarInput) -> ExportResult:
         ),
         advance=_TEXTS["planar_advance"],
     )
-
-    def simulate(commands: FloatArray) -> FloatArray:
-        simulated = vehicle_in(content)
-        nu, actual, eta, rows = simulated.nu, simulated.u_actual, np.zeros(6), []
-        chosen = commands[:, [columns.index(curve.name) for curve in subject.curves]]
-        for control in repeat_held(chosen, STEP):
-            rows.append(nu[[0, 1, 5]])
-            before = nu[5]
-            nu, actual = simulated.dynamics(eta, nu, actual, control, STEP)
-            eta[5] += 0.5 * STEP * (before + nu[5])
-        return np.array(rows[:: round(PERIOD / STEP)])
-
     kept = subject.effects.keys() & {*_COUPLED, *_PLANAR_TERMS, subject.lag.key, "current"}
     return ExportResult(
         content=content,
         equation=subject.own_equation(STEP),
-        simulate=simulate,
+        simulate=_simulation(content, columns, [0, 1, 5], 0.5),
         kept_effects=subject.curve_keys | kept,
         notes=(_NOTES[0], "Surge, sway and yaw move: heave, roll and pitch keep their velocity.", _NOTES[1]),
     )

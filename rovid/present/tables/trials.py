@@ -234,8 +234,11 @@ def _measure_rows(sides: Sequence[Measures]) -> Iterator[list[str]]:
     """A row for each measure: its name with its unit, and its value in each of the ``sides``."""
     units = {name: one.unit for side in sides for name, one in side.items()}
     for name, unit in units.items():
-        shown = unit_symbol(unit.replace("rad", "deg") if unit in _ANGLES else unit)
-        title = name.replace("_", " ") + (f", {shown}" if shown not in {"", "1"} else "")
+        title, shown = name.replace("_", " "), unit_symbol(unit)
+        if unit in _ANGLES:
+            shown = shown.replace("rad", "deg")
+        if shown:
+            title += f", {shown}"
         yield [title, *(_cell(side.get(name)) for side in sides)]
 
 

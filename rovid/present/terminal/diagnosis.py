@@ -1,7 +1,8 @@
 """Terminal output of diagnoses, comparisons, controllers, trials of effects and discovered formulas."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.text import Text
@@ -21,6 +22,7 @@ from rovid.present.console import (
     ResultTable,
     mixed_number_column,
     print_labelled,
+    print_path,
     print_text,
     show_caution,
     show_faults,
@@ -159,8 +161,10 @@ def _show_improvement(
     tables.held_out_table(diagnosis, base, extended).print(console, base.estimate.assumptions)
 
 
-def show_comparison(console: Console, comparison: Comparison, guess: Assumptions, warnings: Sequence[str]) -> None:
-    """Print the result of a comparison, its tables, and the causes of both campaigns."""
+def show_comparison(
+    console: Console, comparison: Comparison, guess: Assumptions, warnings: Sequence[str], page: Path | None = None
+) -> None:
+    """Print the result of a comparison, its tables, the causes of both campaigns, and the path of its page."""
     show_caution(console, guess)
     print_labelled(console, sentences.comparison_headline(comparison))
     for sentence in sentences.comparison_sentences(comparison):
@@ -174,10 +178,13 @@ def show_comparison(console: Console, comparison: Comparison, guess: Assumptions
         titles = sentences.cause_titles(causes) or "none"
         print_text(console, f"{side} is {campaign.name}; causes: {titles}")
     show_warnings(console, [*comparison.warnings, *warnings])
+    if page is not None:
+        print_path(console, str(page))
 
 
-def show_control(console: Console, design: ControllerDesign, guess: Assumptions) -> None:
+def show_control(console: Console, design: ControllerDesign, guess: Assumptions, warnings: Sequence[str]) -> None:
     """Print gains, margins and closed-loop runs."""
+    show_caution(console, guess)
     for text, kind in sentences.control_verdict(design):
         print_labelled(console, text, style=VERDICT_STYLES[kind])
     gains_table(design, guess).print(console, guess)
@@ -191,6 +198,7 @@ def show_control(console: Console, design: ControllerDesign, guess: Assumptions)
     if design.model.effects:
         titles = [sentences.effect_title(effect, design.model.axis) for effect in design.model.effects]
         print_text(console, f"effects of the model: {join_words(titles)}")
+    show_warnings(console, warnings)
 
 
 # Effects of the catalogue that are listed.
@@ -215,8 +223,18 @@ def show_effect_trial(console: Console, found: EffectTrial, warnings: list[str])
     show_warnings(console, warnings)
 
 
-def show_discovery(console: Console, found: Discovery) -> None:
-    """Print each formula with its parameters and its evidence."""
+def show_discovery(
+    console: Console, found: Discovery, guess: Assumptions, warnings: Sequence[str], written: Iterable[str]
+) -> None:
+    """Print each formula with its parameters and its evidence, and the paths of the files that were ``written``."""
+    show_caution(console, guess)
+    _show_formulas(console, found)
+    show_warnings(console, warnings)
+    for path in written:
+        print_path(console, f"written to {path}")
+
+
+def _show_formulas(console: Console, found: Discovery) -> None:
     if found.missing:
         print_text(console, f"Too little data: {found.missing}")
         return

@@ -166,8 +166,11 @@ def show_thrust_scale(console: Console, scale: ThrustScale, given: float) -> Non
     print_path(console, f"  thrust_scale_error = {given * scale.error_for_fits:.3g}")
 
 
-def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -> None:
+def show_plan(
+    console: Console, plan: ExperimentPlan, written: Sequence[Path], guess: Assumptions, warnings: Sequence[str]
+) -> None:
     """Print the best runs and the paths of the files that were written."""
+    show_caution(console, guess)
     discriminates = len(plan.models) > 1
     gain = "factor"
     caption = f"Runs by the factor that divides the variance of the {plan.parameter.replace('_', ' ')}"
@@ -194,10 +197,12 @@ def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -
         show_warnings(console, [undecided])
     for path in written:
         print_path(console, f"written: {path}")
+    show_warnings(console, warnings)
 
 
-def show_matrix(console: Console, matrix: IsolabilityMatrix) -> None:
+def show_matrix(console: Console, matrix: IsolabilityMatrix, guess: Assumptions, warnings: Sequence[str]) -> None:
     """Print how many pairs of causes a programme separates, the hardest pairs, and the use of further sensors."""
+    show_caution(console, guess)
     still_open = matrix.open_pairs
     separated, minutes = len(matrix.pairs) - len(still_open), format_number(matrix.seconds / 60.0, ".0f")
     answer = f"{separated} of {len(matrix.pairs)} pairs of causes are told apart in {minutes} minutes of this programme"
@@ -233,6 +238,7 @@ def show_matrix(console: Console, matrix: IsolabilityMatrix) -> None:
         if names := [cause.name for cause in matrix.causes if cause.share == share]:
             text += f"; {', '.join(names)} by {100.0 * share:.0f} %"
     print_text(console, f"{text}.")
+    show_warnings(console, warnings)
 
 
 def _pair_words(pairs: Sequence[PairSeparation]) -> str:
@@ -242,7 +248,7 @@ def _pair_words(pairs: Sequence[PairSeparation]) -> str:
     return "; ".join(words)
 
 
-def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
+def show_export(console: Console, path: Path, made: VerifiedExport, guess: Assumptions) -> None:
     """Print how the target's equation differs from the model, what the target lacks, and its stability."""
 
     def differences(mismatch: Mismatch) -> str:
@@ -252,6 +258,7 @@ def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
             parts.append(f"{name.replace('_', ' ')} off by {percent} % of its range, {rms} {unit} rms")
         return "; ".join(parts)
 
+    show_caution(console, guess)
     holds_model = not math.isnan(made.mismatch.rms["yaw_rate"])
     print_path(console, str(path))
     if holds_model:
@@ -365,7 +372,7 @@ def show_planar_plan(
     show_caution(console, study.vehicle.assumptions)
     run, estimate = plan.ranked.best.run, plan.fit.estimate
     print_labelled(console, "Next:", f"{run.name}, {run.seconds:.0f} s, because {plan.reason}.")
-    show_plan(console, plan.ranked, files)
+    show_plan(console, plan.ranked, files, Assumptions(), ())
     columns = map(mixed_number_column, ("by the logs", "with the best run"))
     table = ResultTable("Standard errors, as predicted", text_column("parameter"), *columns, text_column("unit"))
     for name, pair in plan.errors.items():
