@@ -25,13 +25,7 @@ from rovid.estimate.candidate_runs import RunLimits
 from rovid.export.interface import export_input
 from rovid.export.planar_input import planar_input
 from rovid.export.verification import select_exporter, verified_export
-from rovid.preflight.check import (
-    check_logs,
-    check_trials,
-    require_agreeing_clocks,
-    require_right_signs,
-    reversed_thrusters,
-)
+from rovid.preflight.check import check_logs, check_trials, require_fittable, reversed_thrusters
 from rovid.preflight.planar_check import check_planar, check_planar_trials
 from rovid.readers.campaign import campaign_of
 from rovid.readers.parquet_reader import Table, thrust_curve, trials_of
@@ -169,15 +163,13 @@ class VehicleStudy:
         RovidError
             The data have a fault that no fit survives, do not determine the parameters, or lack a signal.
         """
-        self.logs.require_sound()
         if self.coupled is not None:
+            self.logs.require_sound()
             if gyro:
                 mend = "Leave it out: all sensors are fitted."
                 raise ConfigError("is given together with axes.", where="gyro", mend=mend)
             return records.fit_record(self.coupled.fit(self._effects(effects)), self.coupled)
-        require_right_signs(self.logs)
-        if self.config is None:
-            require_agreeing_clocks(self.logs, load_config(find_config(self.paths), self.axis))
+        require_fittable(self.logs, self.config or load_config(find_config(self.paths), self.axis))
         return records.fit_record(self.logs.likelihood(self._effects(effects), gyro=gyro), self.logs)
 
     @notebook_progress("Simulating …")

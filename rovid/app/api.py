@@ -107,8 +107,7 @@ class Api:
         """The rovid.toml for the choices, the open questions, and equivalent commands."""
         form = form_state.parse_form(document)
         paths = self.paths(form.logs)
-        with self._survey_lock:
-            guessed, survey = self._survey(paths, form)
+        guessed, survey = self._survey(paths, form)
         files = config_files(survey)
         config, *curves = files
         return {
@@ -132,8 +131,7 @@ class Api:
                 return {"stale": True}  # A newer request is waiting, and a check may take long.
             if (config := self.foreign_config(paths)) is not None:
                 return _check(paths, config, config, planar=form.planar)
-            with self._survey_lock:
-                _, survey = self._survey(paths, form)
+            _, survey = self._survey(paths, form)
             with tempfile.TemporaryDirectory(dir=self.scratch) as name:
                 folder = Path(name)
                 for output, text in config_files(survey).items():
@@ -146,8 +144,7 @@ class Api:
     def save(self, document: object) -> Document:
         """Write rovid.toml and the guessed thrust curve; only files that the page wrote are replaced."""
         form = form_state.parse_form(document)
-        with self._survey_lock:
-            _, survey = self._survey(self.paths(form.logs), form)
+        _, survey = self._survey(self.paths(form.logs), form)
         files = config_files(survey)
         config, *curves = files
         contents = {output: files[output].encode() for output in curves}
@@ -209,19 +206,20 @@ class Api:
 
     def _survey(self, paths: Sequence[Path], form: form_state.FormState) -> tuple[LogSurvey, LogSurvey]:
         """The survey by rovid's guesses alone, and the survey with the user's choices."""
-        key = (form.time_unit, *map(_file_key, log_files(paths, [])))
-        if key not in self._logs_read:
-            # Only one folder is kept, because its logs may be large.
-            self._logs_read.clear()
-            self._surveys.clear()
-            self._logs_read[key] = read_logs(paths, time_unit=form.time_unit)
-        own = SurveyOptions(vehicle=form.vehicle, interactive=True, planar=form.planar)
-        guessed = self._cached_survey(key, own)
-        headings, commands = form.changes(guessed)
-        options = replace(own, headings=headings, commands=commands)
-        # This survey also determines the sign of the chosen columns, which takes time.
-        self._cached_survey(key, options)
-        return guessed, survey_read_logs(self._logs_read[key], options, form.overrides)
+        with self._survey_lock:
+            key = (form.time_unit, *map(_file_key, log_files(paths, [])))
+            if key not in self._logs_read:
+                # Only one folder is kept, because its logs may be large.
+                self._logs_read.clear()
+                self._surveys.clear()
+                self._logs_read[key] = read_logs(paths, time_unit=form.time_unit)
+            own = SurveyOptions(vehicle=form.vehicle, interactive=True, planar=form.planar)
+            guessed = self._cached_survey(key, own)
+            headings, commands = form.changes(guessed)
+            options = replace(own, headings=headings, commands=commands)
+            # This survey also determines the sign of the chosen columns, which takes time.
+            self._cached_survey(key, options)
+            return guessed, survey_read_logs(self._logs_read[key], options, form.overrides)
 
     def _cached_survey(self, key: _FileKey, options: SurveyOptions) -> LogSurvey:
         if (key, options) not in self._surveys:

@@ -98,7 +98,6 @@ class FormState:
 
     logs: tuple[str, ...]  # Names of files or folders below the root folder
     vehicle: str  # Type of vehicle; empty if none was chosen
-    signals: Mapping[str, Mapping[str, SignalGuess]] | None  # Format -> signal -> column; None: as guessed
     overrides: UserOverrides
     document: Mapping[str, Any]  # The JSON document of the page
     time_unit: str = "auto"
@@ -107,7 +106,7 @@ class FormState:
     def changes(self, guessed: LogSurvey) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Chosen heading columns that differ from the guess, and all command columns if any of them differs."""
         headings: list[str] = []
-        for kind, signals in (self.signals or {}).items():
+        for kind, signals in (self.overrides.signals or {}).items():
             if kind not in guessed.mappings:
                 continue
             guess, chosen = guessed.mappings[kind].signals.get("heading"), signals.get("heading")
@@ -159,7 +158,6 @@ def parse_form(document: object) -> FormState:
         return FormState(
             logs=tuple(map(str, document["logs"])),
             vehicle=vehicle,
-            signals=overrides.signals,
             overrides=overrides,
             document=document,
             time_unit=time_unit,

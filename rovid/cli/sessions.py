@@ -60,13 +60,10 @@ def open_session(
     if shared.force:
         study = replace(study, overrides=FaultOverrides(kept=dict.fromkeys(FAULT_IDS, ("*",))))
     elif require_sound:
-        from rovid.preflight.check import require_agreeing_clocks, require_right_signs
+        from rovid.preflight.check import require_fittable
         from rovid.trial.config import find_config, load_config
 
-        study.require_sound()
-        require_right_signs(study)
-        if study.runs is not None:
-            require_agreeing_clocks(study, load_config(find_config(paths), stored.axis))
+        require_fittable(study, None if study.runs is None else load_config(find_config(paths), stored.axis))
     stored, notes = context.without_stale_values(stored, study)
     return FitSession(stored=stored, study=study, outputs=outputs, notes=notes)
 

@@ -181,22 +181,23 @@ def drag_without_feedback(study: Study) -> DragFit:
     return replace(fit, estimate=replace(fit.estimate, warnings=warnings))
 
 
-def require_agreeing_clocks(study: Study, config: Config) -> None:
-    """Refuse joined files whose clocks are certainly apart, as `rovid check` does. Raises LogError then."""
-    if study.runs is None or not config.join:
+def require_fittable(study: Study, config: Config | None) -> None:
+    """Refuse logs for which the verdict of `rovid check` is no go. Raises LogError.
+
+    Such are logs with a fault that no fit survives, with a thruster that turns the vehicle the other way, and joined
+    files whose clocks are certainly apart, by their ``config``, None for tables.
+    """
+    study.require_sound()
+    if found := reversed_thrusters(study):
+        axis = study.vehicle.axis
+        mend = f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}."
+        raise LogError(found, mend=mend)
+    if study.runs is None or config is None or not config.join:
         return
     clocks = estimate_clock_offsets([run.trial for run in study.runs.items], config)
     for fault in stopping([*_clock_faults(clocks, study.faults, config)]):
         grave = next(advice for advice in joined_clocks(clocks) if advice.weight == "grave")
         raise LogError(fault.text, mend=f"{grave.text.split('. ', 1)[0]}.")
-
-
-def require_right_signs(study: Study) -> None:
-    """Refuse logs in which a thruster turns the vehicle the other way. Raises LogError if there is one."""
-    if found := reversed_thrusters(study):
-        axis = study.vehicle.axis
-        mend = f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}."
-        raise LogError(found, mend=mend)
 
 
 def reversed_thrusters(study: Study) -> str:

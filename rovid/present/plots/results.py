@@ -265,9 +265,9 @@ def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle
     panel.plot(*zip(*means, strict=True), "o", color=canvas.BLUE, label="mean of unexplained torque")
     order = np.argsort(x)
     panel.plot(x[order], law[order], color=canvas.ORANGE, label="formula")
-    units = found.grammar.units if found.grammar else {}
-    own = formula.signals[0] if formula.signals else ""
-    label = f"{own.replace('_', ' ')}, {units[own]}" if alone else "torque of the formula, N m"
+    label = "torque of the formula, N m"
+    if alone:
+        label = f"{formula.signals[0].replace('_', ' ')}, {found.grammar.units[formula.signals[0]]}"
     panel.set(xlabel=label, ylabel="torque, N m")
     panel.legend()
     return figure
