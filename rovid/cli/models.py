@@ -174,7 +174,9 @@ def plan(
 
     def limits(*, angular: bool) -> RunLimits:
         """Limits of a run in SI units."""
-        rate = math.inf if max_rate is None else max_rate * (math.pi / 180.0 if angular else 1.0)
+        rate = math.inf if max_rate is None else max_rate
+        if angular:
+            rate = math.radians(rate)
         travel = math.inf if turns is None else turns
         return RunLimits(share=share, seconds=60.0 * minutes, rate=rate, travel=travel, design=design)
 

@@ -277,8 +277,12 @@ def mixed_commands(vehicle: Vehicle, model: Model) -> Allocation:
             low, high = -thruster.max_logged_torque, thruster.max_logged_torque
         else:
             low, high = thruster.curve.command[[0, -1]].tolist()
-        ends = (low, neutral, high)
-        columns.append(ends if thruster.arm > 0.0 else ends[::-1] if thruster.arm < 0.0 else (neutral,) * 3)
+        if thruster.arm > 0.0:
+            columns.append((low, neutral, high))
+        elif thruster.arm < 0.0:
+            columns.append((high, neutral, low))
+        else:
+            columns.append((neutral, neutral, neutral))
     commands = np.array(columns).T
     torque = command_torque(vehicle, model, commands)
     full = min(float(torque[2]), -float(torque[0]))

@@ -349,6 +349,8 @@ def _element(found: re.Match[str]) -> str:
 
 
 def _matrix(found: re.Match[str]) -> str:
-    rows = [row.strip() for row in found[1].split(";")]
-    inside = ", ".join(f"({row})" if "," in re.sub(r"\.item\([^)]*\)", "", row) else row for row in rows)
-    return f"array(({inside}))"
+    rows = []
+    for row in found[1].split(";"):
+        several = "," in re.sub(r"\.item\([^)]*\)", "", row)
+        rows.append(f"({row.strip()})" if several else row.strip())
+    return f"array(({', '.join(rows)}))"

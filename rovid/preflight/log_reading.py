@@ -259,9 +259,10 @@ def _joins(names: Sequence[str], logs: Sequence[Log]) -> Iterator[tuple[Join, li
     for parts in (parts for most in _PART_WORDS for parts in guess_parts(names, most)[:_MAX_GUESSES]):
         join = Join(parts=parts)
         owner = [join.part(name) for name in names]
-        held = Counter(
-            source for _, source in {(part, one) for part, log in zip(owner, logs, strict=True) for one in log}
-        )
+        columns: set[tuple[str, str]] = set()
+        for part, log in zip(owner, logs, strict=True):
+            columns.update((part, one) for one in log)
+        held = Counter(source for _, source in columns)
         for fewest in (len(names) + 1, 2, 1):
             shared = {source for source, count in held.items() if count >= fewest}
             qualified: list[Log] = []

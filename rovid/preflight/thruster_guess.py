@@ -106,7 +106,7 @@ def _px4_outputs(parameters: Mapping[str, float]) -> dict[str, AutopilotOutput]:
         # Axes are forward, starboard, down: a positive torque about the last one turns the heading up.
         sign = 1.0 if parameters.get(f"CA_ROTOR{at}_CT", 1.0) >= 0.0 else -1.0
         arm = sign * (x * aside - y * ahead)
-        direction = 0 if abs(arm) < 1e-3 else (1 if arm > 0.0 else -1)
+        direction = 0 if abs(arm) < 1e-3 else int(np.copysign(1.0, arm))
         outputs[f"actuator_motors.control[{at}]"] = AutopilotOutput(
             label=str(at + 1), direction=direction, arm=abs(arm), reason=f"CA_ROTOR{at}_PX, _PY, _AX and _AY"
         )
@@ -180,14 +180,16 @@ def guess_thrusters(
     names: list[str] = []
     commands: list[ThrusterCommand] = []
     for source, values in ranges.items():
-        output = hints.outputs.get(source)
-        label = output.label if output else ""
+        label, name, origin = "", short_name(source), "by name"
+        if output := hints.outputs.get(source):
+            label, name, origin = output.label, output.name, output.reason
+        elif source in hints.commands:
+            origin = "chosen by you"
         if hints.profile and yaw:
             label = label or hints.profile.label(name_words(source))
-        names.append(distinct_name(output.name if output else short_name(source), names))
+        names.append(distinct_name(name, names))
         effect = effects.get(source, CommandEffect())
         direction, arm, reason = _direction(source, label, hints, effect, mixed)
-        origin = output.reason if output else "chosen by you" if source in hints.commands else "by name"
         low, high = float(values.min()), float(values.max())
         commands.append(
             ThrusterCommand(

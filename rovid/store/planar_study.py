@@ -161,11 +161,16 @@ class _PriorParser:
         found: dict[str, PriorValue] = {}
         for name in [key for key in self.entries if key not in _KEYS]:
             value = self.entries[name]
-            match = _WITH_ERROR.fullmatch(value) if isinstance(value, str) else None
-            if isinstance(value, str) and match is None:
-                raise self.error(name, f'is {value!r}; a number or "value +- standard error" was expected.')
-            number = self.number(name, float(match[1]) if match else value, positive=False)
-            error = float(match[2]) * (0.01 * abs(number) if match[3] else 1.0) if match and match[2] else None
+            error = None
+            if isinstance(value, str):
+                match = _WITH_ERROR.fullmatch(value)
+                if match is None:
+                    raise self.error(name, f'is {value!r}; a number or "value +- standard error" was expected.')
+                number = self.number(name, float(match[1]), positive=False)
+                if match[2]:
+                    error = float(match[2]) * (0.01 * abs(number) if match[3] else 1.0)
+            else:
+                number = self.number(name, value, positive=False)
             found |= self.named(name, number, error, "rovid.toml")
         return found
 
