@@ -64,7 +64,6 @@ def check_record(found: LogCheck | PlanarCheck, vehicle: Vehicle) -> to.CheckRec
     """The record of a check."""
     document_of, show_of = PRINTED[type(found)]
     document = document_of(found, vehicle)
-    trials = found.trials if isinstance(found, PlanarCheck) else [trial for trial, _ in found.rows]
 
     def show(console: Console) -> None:
         show_caution(console, vehicle.assumptions)
@@ -72,7 +71,7 @@ def check_record(found: LogCheck | PlanarCheck, vehicle: Vehicle) -> to.CheckRec
 
     def draw(panel: Axes) -> None:
         name, unit = vehicle.axis.position_words, vehicle.axis.display_unit
-        for trial in trials:
+        for trial in found.trials:
             panel.plot(trial.time, trial.position * unit[1], label=trial.name)
         _label(panel, "time, s", f"{name}, {unit[0]}")
 

@@ -25,7 +25,7 @@ from rovid.present.documents.results import check_document, survey_document
 from rovid.present.terminal.check import VERDICTS, check_notes, check_tasks
 from rovid.readers.formats import READERS
 from rovid.trial.axis import PLANAR, SIGNAL_UNITS, YAW, parameter_file_name
-from rovid.trial.config import FILE_NAME, load_config, load_planar_config
+from rovid.trial.config import FILE_NAME, load_config
 from rovid.trial.vehicle_presets import load_preset, preset_names
 
 Document = dict[str, Any]
@@ -253,8 +253,8 @@ class Api:
 def _check(paths: Sequence[Path], config: Path, place: Path, *, planar: bool) -> Document:
     """Result of `rovid check` with the file ``config``, which will be saved as ``place``."""
     try:
-        loaded = replace(load_planar_config(config) if planar else load_config(config), path=place)
-        checked = check_planar(paths, loaded) if planar else check_logs(paths, loaded)
+        loaded = replace(load_config(config, PLANAR if planar else YAW), path=place)
+        checked = (check_planar if planar else check_logs)(paths, loaded)
     except RovidError as error:
         text = str(error).replace(str(config.parent), str(place.parent))
         return {"verdict": "no_go", "words": "No go: rovid.toml is not complete yet.", "tasks": [text], "notes": []}

@@ -63,31 +63,26 @@ def check(logs: list[Path], *, shared: SharedOptions) -> None:
     """Check the logs and list their content and problems."""
     planar = context.is_planar(shared)
     from rovid.api.records import check_record
-    from rovid.trial.config import find_config, load_config, load_planar_config
+    from rovid.preflight.check import check_logs
+    from rovid.preflight.planar_check import check_planar
+    from rovid.store.planar_study import planar_prior
+    from rovid.trial.axis import PLANAR
+    from rovid.trial.config import find_config, load_config
     from rovid.trial.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table
 
     if table := find_table(logs, STEADY_COLUMNS) or find_table(logs, SINE_COLUMNS):
         text = "is a table of steady turns or of sines. Tables need no heading and no [signals]; only logs are checked."
         raise DataError(text, where=table, mend="Go on with `rovid fit-drag` or `rovid diagnose` and the same folder.")
-    if planar:
-        from rovid.preflight.planar_check import check_planar
-        from rovid.store.planar_study import planar_prior
-
-        config = load_planar_config(find_config(logs))
-        planar_prior(config)  # A wrong prior is refused before the fit.
-        coupled = check_planar(logs, config)
-        record, problems, usable = check_record(coupled, config.vehicle), coupled.problems, len(coupled.trials)
-    else:
-        from rovid.preflight.check import check_logs
-
+    if not planar:
         context.announce_compilation()
-        config = load_config(find_config(logs), context.named_axis(shared.axis))
-        checked = check_logs(logs, config)
-        record, problems, usable = check_record(checked, config.vehicle), checked.problems, len(checked.rows)
-    context.print_record(record, json=shared.json)
-    if problems:
+    config = load_config(find_config(logs), PLANAR if planar else context.named_axis(shared.axis))
+    if planar:
+        planar_prior(config)  # A wrong prior is refused before the fit.
+    checked = (check_planar if planar else check_logs)(logs, config)
+    context.print_record(check_record(checked, config.vehicle), json=shared.json)
+    if problems := checked.problems:
         name, problem = next(iter(problems.items()))
-        count = f"{len(problems)} of {len(problems) + usable} logs cannot be used"
+        count = f"{len(problems)} of {len(problems) + len(checked.trials)} logs cannot be used"
         if sys.stdout.isatty() and sys.stderr.isatty():
             # The numbered list is on the same screen, and has the reason.
             raise DataError(f"{count}: {shortened_list(problems)}.")

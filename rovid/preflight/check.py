@@ -30,34 +30,35 @@ from rovid.trial.vehicle import Vehicle
 
 
 @dataclass(frozen=True, kw_only=True)
-class LogCheck:
-    """Facts of each readable log, problems of the others, and findings on all logs together.
+class CheckedLogs:
+    """The readable logs, the problems of the others, and findings; ``advice`` is sorted by severity."""
 
-    ``advice`` is sorted by severity. It rests on ``feedback``, on the ``clocks`` of joined files and on the check of
-    each of the ``thrusters``.
-    """
-
-    rows: tuple[tuple[Trial, dict[str, Any]], ...]
+    trials: tuple[Trial, ...]
     problems: dict[str, str]
     remarks: tuple[Remark, ...]
-    advice: tuple[Advice, ...]
-    feedback: tuple[Feedback, ...] = ()
-    clocks: ClockOffsets = field(default_factory=ClockOffsets)
-    thrusters: tuple[ThrusterCheck, ...] = ()
+    advice: tuple[Advice, ...] = ()
     faults: tuple[Fault, ...] = ()
 
     @property
     def verdict(self) -> Literal["go", "care", "no_go"]:
         """Whether the logs are ready for a fit."""
-        return verdict_of(self.advice, self.faults, complete=bool(self.rows) and not self.problems)
+        weights = {one.weight for one in self.advice}
+        if not self.trials or self.problems or "grave" in weights or stopping(self.faults):
+            return "no_go"
+        return "care" if "care" in weights or self.faults else "go"
 
 
-def verdict_of(advice: Sequence[Advice], faults: Sequence[Fault], *, complete: bool) -> Literal["go", "care", "no_go"]:
-    """Whether logs are ready for a fit; ``complete``: there are logs, and all were read."""
-    weights = {one.weight for one in advice}
-    if not complete or "grave" in weights or stopping(faults):
-        return "no_go"
-    return "care" if "care" in weights or faults else "go"
+@dataclass(frozen=True, kw_only=True)
+class LogCheck(CheckedLogs):
+    """The check for one axis, with the ``facts`` of each of the ``trials``.
+
+    The advice rests on ``feedback``, on the ``clocks`` of joined files and on the check of each of the ``thrusters``.
+    """
+
+    facts: tuple[dict[str, Any], ...]
+    feedback: tuple[Feedback, ...] = ()
+    clocks: ClockOffsets = field(default_factory=ClockOffsets)
+    thrusters: tuple[ThrusterCheck, ...] = ()
 
 
 def read_each_log(paths: Sequence[Path], config: Config) -> tuple[list[Trial], dict[str, str], list[Remark]]:
@@ -85,18 +86,21 @@ def check_trials(
     problems = dict(problems or {})
     trials, faults = examine_campaign(every, config)
     vehicle = config.vehicle.clamped() if stopping(faults) else config.vehicle
-    rows: list[tuple[Trial, dict[str, Any]]] = []
+    readable, facts = [], []
     cutoff = 0.0
     with suppress(RovidError):  # `advise` reports logs that are too short.
         cutoff = choose_cutoff(every) if every else 0.0
     for trial in every:
         try:
-            rows.append((trial, _facts(trial, config, vehicle, cutoff)))
+            facts.append(_facts(trial, config, vehicle, cutoff))
+            readable.append(trial)
         except RovidError as error:
             problems[trial.parent or trial.name] = str(error)
-    usable = {id(trial) for trial, _ in rows}
+    usable = set(map(id, readable))
     trials = [trial for trial in trials if id(trial) in usable]
-    checked = LogCheck(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=(), faults=faults)
+    checked = LogCheck(
+        trials=tuple(readable), facts=tuple(facts), problems=problems, remarks=tuple(remarks), faults=faults
+    )
     if stopping(faults):
         return checked
     more: tuple[Fault, ...] = ()

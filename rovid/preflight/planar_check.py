@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -21,11 +20,11 @@ from rovid.planar.dataset import (
     smooth_run,
 )
 from rovid.preflight.advice import Advice, cut_logs
-from rovid.preflight.check import read_each_log, verdict_of
+from rovid.preflight.check import CheckedLogs, read_each_log
 from rovid.preflight.planar_sensors import CORRELATED, SCALES, SensorLag, sensor_lags, wrong_entries
 from rovid.readers.campaign import examine_campaign
 from rovid.trial.config import Config
-from rovid.trial.fault import Fault, stopping
+from rovid.trial.fault import stopping
 from rovid.trial.segments import gap_limit
 from rovid.trial.trial import Campaign, Remark, Trial
 
@@ -67,22 +66,12 @@ class AxisCheck:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarCheck:
-    """Facts of the logs for the coupled model; ``advice`` is sorted by severity."""
+class PlanarCheck(CheckedLogs):
+    """The check for the coupled model."""
 
-    trials: tuple[Trial, ...]
-    problems: dict[str, str]
-    remarks: tuple[Remark, ...]
-    faults: tuple[Fault, ...]
     sensors: tuple[SensorCheck, ...] = ()
     axes: tuple[AxisCheck, ...] = ()
     lags: tuple[SensorLag, ...] = ()
-    advice: tuple[Advice, ...] = ()
-
-    @property
-    def verdict(self) -> Literal["go", "care", "no_go"]:
-        """Whether the logs are ready for a fit."""
-        return verdict_of(self.advice, self.faults, complete=bool(self.trials) and not self.problems)
 
 
 def check_planar(paths: Sequence[Path], config: Config) -> PlanarCheck:
@@ -96,8 +85,9 @@ def check_planar_trials(
     """Check trials that were read; ``problems`` has the message for each log that could not be read."""
     problems = dict(problems or {})
     trials, faults = examine_campaign(every, config)
-    if stopping(faults) or not trials:
-        return PlanarCheck(trials=tuple(trials), problems=problems, remarks=tuple(remarks), faults=faults)
+    checked = PlanarCheck(trials=tuple(trials), problems=problems, remarks=tuple(remarks), faults=faults)
+    if stopping(faults):
+        return checked
     usable = []
     for trial in trials:
         try:
@@ -105,8 +95,9 @@ def check_planar_trials(
             usable.append(trial)
         except RovidError as error:
             problems[trial.parent or trial.name] = str(error)
+    checked = replace(checked, trials=tuple(usable), problems=problems)
     if not usable:
-        return PlanarCheck(trials=(), problems=problems, remarks=tuple(remarks), faults=faults)
+        return checked
     data = planar_data(Campaign(trials=tuple(usable), sources=()), config.vehicle)
     lags = tuple(sensor_lags(data.runs))
     smooth = _smoothed(data)
@@ -123,11 +114,8 @@ def check_planar_trials(
         advice.append(Advice(kind="unmeasured", text=text))
     advice += _missing_runs(data, smooth)
     order = ("grave", "care", "aside")
-    return PlanarCheck(
-        trials=tuple(usable),
-        problems=problems,
-        remarks=tuple(remarks),
-        faults=faults,
+    return replace(
+        checked,
         sensors=tuple(_sensor(data, name) for name in data.sensors),
         axes=axes,
         lags=lags,

@@ -29,7 +29,7 @@ def config(folder: Path, *logs: str) -> Config:
 
 def test_holds_sines_and_samples_are_counted(tmp_path: Path) -> None:
     found = check_logs([tmp_path], config(tmp_path, "hold_03.csv", "sine_20s.mcap"))
-    facts = {trial.name: row for trial, row in found.rows}
+    facts = {trial.name: row for trial, row in zip(found.trials, found.facts, strict=True)}
     assert not found.problems
     hold, sine = facts["hold_03.csv"], facts["sine_20s.mcap"]
     assert (hold["held_commands"], hold["sine_runs"]) == (3, 0)
@@ -96,7 +96,7 @@ def test_a_bad_log_does_not_hide_the_others(tmp_path: Path) -> None:
     wanted = config(tmp_path, "hold_01.csv")
     (tmp_path / "bad.csv").write_text("time_s,heading_deg\n0,1\n")
     found = check_logs([tmp_path], wanted)
-    assert [trial.name for trial, _ in found.rows] == ["hold_01.csv"]
+    assert [trial.name for trial in found.trials] == ["hold_01.csv"]
     assert set(found.problems) == {"bad.csv"}
 
 

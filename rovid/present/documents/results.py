@@ -15,7 +15,7 @@ from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.standard_manoeuvres import RunManoeuvre
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
-from rovid.preflight.check import LogCheck, remark_document
+from rovid.preflight.check import CheckedLogs, LogCheck, remark_document
 from rovid.preflight.clock_alignment import ClockOffset
 from rovid.preflight.config_writer import assumptions_in
 from rovid.preflight.log_survey import LogSurvey
@@ -226,14 +226,14 @@ def check_document(checked: LogCheck, vehicle: Vehicle) -> fits.Document:
         thrusters.append({"name": one.name, **fits.fields(one.observed, **names), "strength": strength})
     return shared_check_document(checked, vehicle) | {
         **fits.axis_document(vehicle.axis),
-        "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
+        "logs": [{"name": trial.name} | facts for trial, facts in zip(checked.trials, checked.facts, strict=True)],
         "feedback": list(map(vars, checked.feedback)),
         "clocks": list(map(_clock_document, checked.clocks.offsets)),
         "thrusters": thrusters,
     }
 
 
-def shared_check_document(checked: LogCheck | PlanarCheck, vehicle: Vehicle) -> fits.Document:
+def shared_check_document(checked: CheckedLogs, vehicle: Vehicle) -> fits.Document:
     """The part that the documents of all checks share."""
     return {
         "schema": "rovid-check/1",

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from rovid.core.errors import shortened_list
-from rovid.preflight.check import LogCheck
+from rovid.preflight.check import CheckedLogs, LogCheck
 from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
 from rovid.preflight.planar_check import PlanarCheck
@@ -42,14 +42,14 @@ def show_check(console: Console, checked: LogCheck | PlanarCheck) -> None:
     console.print()
     if isinstance(checked, PlanarCheck):
         _show_sensors(console, checked)
-    elif checked.rows:
-        first, _ = checked.rows[0]
+    elif checked.trials:
+        first = checked.trials[0]
         quantity, unit, factor = first.axis.measured_quantity(integrated=first.rate_only)
         shown_unit, shown_factor = first.axis.display_unit
         travel = f"{'turned' if first.axis.angular else 'went'} {shown_unit}"
         titles = ("length s", "holds", "sine runs", "Hz", f"{quantity} noise {unit}", travel, "samples")
         table = ResultTable("Logs", text_column("log"), *map(mixed_number_column, titles), text_column("remarks"))
-        for trial, facts in checked.rows:
+        for trial, facts in zip(checked.trials, checked.facts, strict=True):
             table.add_row(
                 shorten_name(trial.name, NAME_LENGTH),
                 f"{trial.duration:.0f}",
@@ -78,17 +78,16 @@ def show_check(console: Console, checked: LogCheck | PlanarCheck) -> None:
     show_warnings(console, check_notes(checked))
 
 
-def check_notes(checked: LogCheck | PlanarCheck) -> list[str]:
+def check_notes(checked: CheckedLogs) -> list[str]:
     """Advice that asks for no action, and the remarks of the readers."""
     asides = [advice.text for advice in checked.advice if advice.weight == "aside"]
-    trials = checked.trials if isinstance(checked, PlanarCheck) else [trial for trial, _ in checked.rows]
-    remarks = merged_remarks(trials)
+    remarks = merged_remarks(checked.trials)
     # A lost part of a log is a task.
     remarks = [text for text in remarks if not any(advice.text.startswith(text) for advice in checked.advice)]
     return [*asides, *remarks, *(remark.text for remark in checked.remarks)]
 
 
-def check_tasks(checked: LogCheck | PlanarCheck) -> Iterator[str]:
+def check_tasks(checked: CheckedLogs) -> Iterator[str]:
     """Tasks before a fit, the most serious first."""
     yield from fault_texts(checked.faults)
     problems = _merged_problems(checked.problems)
@@ -96,7 +95,7 @@ def check_tasks(checked: LogCheck | PlanarCheck) -> Iterator[str]:
         yield from problems
     elif problems:
         bad = len(checked.problems)
-        count = f"{bad} of {bad + len(checked.rows)} logs cannot be used"
+        count = f"{bad} of {bad + len(checked.trials)} logs cannot be used"
         if len(problems) > 1:
             yield f"{count} (reasons below): {shortened_list(list(checked.problems))}."
         else:

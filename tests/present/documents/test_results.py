@@ -93,7 +93,8 @@ def test_a_check_keeps_facts_problems_and_advice_apart() -> None:
     trial = replace(synthetic.trial(synthetic.clock(1.0), np.zeros(21)), name="a.csv")
     remark = Remark(kind="gap", count=2, text="A gap.")
     checked = LogCheck(
-        rows=((trial, {"samples": 21}),),
+        trials=(trial,),
+        facts=({"samples": 21},),
         problems={"b.csv": "bad"},
         remarks=(remark,),
         advice=(Advice(kind="coast", text="Coast."),),

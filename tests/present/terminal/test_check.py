@@ -25,9 +25,9 @@ RUN = synthetic.trial(synthetic.clock(1.0), np.zeros(21))
 
 def printed(*advice: Advice, problems: dict[str, str] | None = None, logs: int = 1, width: int = 100) -> list[str]:
     remark = Remark(kind="gap", count=1, text="The heading has gaps (1, of 2.0 s in all); nothing was put in them.")
-    rows = [(replace(RUN, name=f"run_{at}.csv", remarks=(replace(remark, count=at),)), FACTS) for at in range(logs)]
+    trials = tuple(replace(RUN, name=f"run_{at}.csv", remarks=(replace(remark, count=at),)) for at in range(logs))
     out = io.StringIO()
-    checked = LogCheck(rows=tuple(rows), problems=problems or {}, remarks=(), advice=advice)
+    checked = LogCheck(trials=trials, facts=(FACTS,) * logs, problems=problems or {}, remarks=(), advice=advice)
     show_check(SafeConsole(file=out, width=width), checked)
     return [line.rstrip() for line in out.getvalue().splitlines()]
 
