@@ -72,7 +72,7 @@ def conclusion_document(diagnosis: result.Conclusion, axis: Axis = YAW) -> fits.
         unit = unit_of(effect.parameter_names[0], axis)
         # Effect and parameter -> the smallest size that would have been found; None where no size would.
         key = f"{effect.id}.{effect.parameters[0].name}"
-        detectable[key] = fits.value_document(size, unit)
+        detectable[key] = fits.value_document(size if math.isfinite(size) else None, unit)
     challengers = []
     for one in diagnosis.challengers:
         differences = fits.fields(one, "log_likelihood_difference", "price_difference")
@@ -101,7 +101,7 @@ def _table_diagnosis(diagnosis: TableDiagnosis) -> fits.Document:
             "form": effect.form or None,
             "parameters": {name: fits.value_document(value, unit) for name, (value, unit) in cause.sizes.items()},
             "inertia": cause.model.inertia,
-            "chance_of_the_misfit": cause.p_value,
+            "chance_of_the_misfit": None if math.isnan(cause.p_value) else cause.p_value,
             "deciding_experiment": effect.experiment,
         }
         explanations.append(document)
@@ -344,7 +344,7 @@ def planar_comparison_document(comparison: PlanarComparison, warnings: Sequence[
     parameters = {}
     for change in comparison.changes:
         document = _sides([(one.value, one.standard_error) for one in (change.a, change.b)], change.a.unit)
-        document |= fits.fields(change, "ratio", "standard_error")
+        document |= fits.without_nan(fits.fields(change, "ratio", "standard_error"))
         if math.isfinite(change.difference):
             document["difference"] = change.difference
         parameters[change.name] = document | {"confidence": change.confidence} | fits.sname_document(change.name)

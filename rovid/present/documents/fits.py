@@ -1,8 +1,6 @@
-"""Estimates as JSON: drag, inertia, likelihood fits, the coupled model and thrust curves.
+"""Estimates as JSON: drag, inertia, likelihood fits, the coupled model and thrust curves."""
 
-`rovid.core.formatting.to_json` writes null for a number that is not finite.
-"""
-
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -52,6 +50,11 @@ def value_document(value: float | None, unit: str, error: float | None = None) -
 def estimate_document(estimate: Estimate, name: str, unit: str | None = None) -> Document:
     """A parameter of an estimate with its standard error."""
     return value_document(estimate.value(name), unit or estimate.unit(name), estimate.standard_error(name))
+
+
+def without_nan(values: Mapping[str, Any]) -> Document:
+    """The values, with None in place of NaN, which JSON does not have."""
+    return {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
 
 
 def fields(source: object, *names: str, **renamed: str) -> Document:

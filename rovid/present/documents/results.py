@@ -1,5 +1,6 @@
 """Simulations, plans, controllers, exports, surveys, checks and trials of effects as JSON."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -98,8 +99,8 @@ def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle, warnings: Seque
     pairs = []
     for pair in matrix.pairs:
         document = {"between": [pair.first, pair.second], "separated": pair.seconds <= matrix.seconds}
-        document |= {"expected_log_likelihood_ratio": pair.gain, "seconds": pair.seconds}
-        pairs.append(document | {"with_sensor": dict(pair.with_sensor)})
+        document |= {"expected_log_likelihood_ratio": pair.gain, "seconds": _finite(pair.seconds)}
+        pairs.append(document | {"with_sensor": {name: _finite(time) for name, time in pair.with_sensor.items()}})
     sensors = []
     for name, causes in matrix.sensor_causes.items():
         separates = [[pair.first, pair.second] for pair in matrix.separated_by(name)]
@@ -115,6 +116,10 @@ def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle, warnings: Seque
         "sensors": sensors,
         **fits.closing_document(vehicle.assumptions, warnings),
     }
+
+
+def _finite(seconds: float) -> float | None:
+    return seconds if math.isfinite(seconds) else None
 
 
 def control_document(design: ControllerDesign, warnings: Sequence[str], guess: Assumptions) -> fits.Document:
@@ -338,7 +343,7 @@ def planar_check_document(checked: PlanarCheck, vehicle: Vehicle) -> fits.Docume
     return shared_check_document(checked, vehicle) | {
         **fits.AXES_DOCUMENT,
         "logs": logs,
-        "sensors": list(map(vars, checked.sensors)),
-        "degrees_of_freedom": list(map(vars, checked.axes)),
-        "latencies": list(map(vars, checked.lags)),
+        "sensors": [fits.without_nan(vars(sensor)) for sensor in checked.sensors],
+        "degrees_of_freedom": [fits.without_nan(vars(axis)) for axis in checked.axes],
+        "latencies": [fits.without_nan(vars(lag)) for lag in checked.lags],
     }
