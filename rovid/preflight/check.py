@@ -12,6 +12,7 @@ from rovid.core.errors import DataError, LogError, RovidError
 from rovid.estimate.inner_loop import find_inner_loop
 from rovid.estimate.steady_drag import DragFit
 from rovid.faults.base import examine_runs, named, resolve
+from rovid.faults.quick_model import log_name
 from rovid.preflight.advice import Advice, advise, feedback_text, joined_clocks
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.clock_offsets import estimate_clock_offsets
@@ -19,6 +20,7 @@ from rovid.preflight.command_effects import ThrusterCheck, all_reversed, check_t
 from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback, detect_feedback
 from rovid.readers import find_logs, read_trials
 from rovid.readers.campaign import examine_campaign
+from rovid.readers.formats import relative_name
 from rovid.store.study import Study
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault, stopping
@@ -117,10 +119,17 @@ def check_trials(
         kept, more = examine_runs(runs, config.vehicle, config.faults)
         used = {id(run.trial) for run in runs}
         trials = [*(run.trial for run in kept), *(trial for trial in trials if id(trial) not in used)]
+    # Logs that were set aside because of their clocks.
+    aside = {
+        log for fault in more if fault.fault == "clocks_apart" and fault.remedy == "set_aside" for log in fault.logs
+    }
+    apart = [run.trial for run in runs if log_name(run) in aside]
     feedback = detect_feedback(trials, vehicle)
-    clocks = estimate_clock_offsets(trials, config)
+    clocks = estimate_clock_offsets([*trials, *apart], config)
+    known = {relative_name(file, config) for trial in apart for file in (trial.path, *trial.companion_files)}
+    unknown = replace(clocks, offsets=tuple(clock for clock in clocks.offsets if clock.name not in known))
     thrusters = check_thrusters(trials, vehicle)
-    advice = advise(trials, vehicle, feedback, clocks, thrusters, config.faults, all_read=not problems)
+    advice = advise(trials, vehicle, feedback, unknown, thrusters, config.faults, all_read=not problems)
     # The quick model and a fit find the same inertia.
     doubled = {"scale"} if any(fault.fault == "thrust_unit" for fault in more) else set()
     return replace(
@@ -129,7 +138,7 @@ def check_trials(
         feedback=tuple(feedback),
         clocks=clocks,
         thrusters=tuple(thrusters),
-        faults=(*faults, *more, *_clock_faults(clocks, more, config)),
+        faults=(*faults, *more, *_clock_faults(unknown, more, config)),
     )
 
 

@@ -27,7 +27,8 @@ from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, fit_innovations
 from rovid.estimate.nested_fits import fit_with_effects
 from rovid.estimate.output_error import fit_output_error
-from rovid.faults.clocks_apart import OCTAVES, coarse_delays, response_delay
+from rovid.faults.clocks_apart import OCTAVES
+from rovid.faults.response_delay import ShiftedTorque, response_delay
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import Log, RawColumn
 from rovid.readers.formats import all_channels, relative_name
@@ -207,7 +208,7 @@ def _response_delays(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[dict[st
     if not trials or not trials[0].has_actuators:
         return {}, 0.0
     try:
-        shifts = coarse_delays(prepare(Campaign(trials=tuple(trials), sources=()), vehicle).items)
+        shifts = ShiftedTorque(prepare(Campaign(trials=tuple(trials), sources=()), vehicle).items).coarse_delays()
         bare = [replace(trial, rate=trial.rate if trial.rate_only else None, **_NO_TILT) for trial in trials]
         long = [trial for trial in bare if abs(shifts.get(_parent(trial), math.inf)) < 0.5 * trial.duration]
         if not long:

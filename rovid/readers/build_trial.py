@@ -309,7 +309,11 @@ class _Builder:
         if count < _MIN_READINGS:
             text = f"{count} {self.measured_words} readings come after every command is known (from "
             text += f"{known - time[0]:.1f} s after the first reading on); at least {_MIN_READINGS} were expected."
-            raise self.error(text, "Leave this log out, or check the mapping of its topics or columns.")
+            mend = "Leave this log out, or check the mapping of its topics or columns."
+            if known > time[-1]:
+                apart = f"The commands begin {known - time[-1]:.1f} s after the last reading: another clock?"
+                mend = f"{apart} Correct it, for joined files by [join.offset] in rovid.toml, or leave this log out."
+            raise self.error(text, mend)
         late = time[first] - time[0]
         if late > _LATE_START:
             self.remark("start", first, f"The first {late:.1f} s were left out: a command was not known yet.")

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.faults import clocks_apart
 from rovid.faults.base import RunsData, examine
 from rovid.faults.clock_drift import clock_drift
-from rovid.faults.clocks_apart import DETECTORS, ResponseDelay, response_delay
+from rovid.faults.clocks_apart import DETECTORS
 from rovid.faults.log_regressors import first_order
+from rovid.faults.response_delay import response_delay
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
@@ -76,30 +76,43 @@ def test_commands_that_repeat_themselves_are_late_by_no_period(vehicle: str) -> 
         assert abs(found.delay - 2.0 * run.trial.sampling_interval) < 10.0 * run.trial.sampling_interval
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_log_with_the_offset_is_named(seed: int) -> None:
-    runs = [shifted(run, 10) if run.trial.name == "random.csv" else run for run in day("large", seed)]
+@pytest.mark.parametrize(("name", "samples"), [("random.csv", 10), ("random.csv", -200), ("steps.csv", 200)])
+def test_the_log_with_the_offset_is_named_and_set_aside(name: str, samples: int) -> None:
+    runs = [shifted(run, samples) if run.trial.name == name else run for run in day("large", 1)]
+    data, (fault,) = examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    assert (fault.logs, fault.stops, fault.remedy) == ((name,), False, "set_aside")
+    assert name not in {run.trial.name for run in data.runs}
+    assert fault.size is not None
+    interval = runs[0].trial.sampling_interval
+    assert abs(fault.size + samples * interval) < 0.5 * interval
+
+
+def test_two_logs_have_no_majority() -> None:
+    runs = [run for run in day("large", 1) if run.trial.name in {"random.csv", "steps.csv"}]
+    (fault,) = faults([runs[0], shifted(runs[1], 10)])
+    assert (fault.logs, fault.stops) == ((runs[1].trial.name,), True)
+    assert not faults([runs[0], shifted(runs[1], -10)])
+
+
+@pytest.mark.parametrize("samples", [300, -300])
+def test_clocks_further_apart_than_any_delay_stop(samples: int) -> None:
+    runs = [shifted(run, samples) for run in day("large", 1)]
     (fault,) = faults(runs)
-    assert (fault.logs, fault.stops) == (("random.csv",), True)
+    assert (len(fault.logs), fault.stops) == (10, True)
+    assert fault.size is not None
+    interval = runs[0].trial.sampling_interval
+    assert abs(fault.size + samples * interval) < 0.5 * interval
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_commands_of_the_opposite_sign_are_no_clock(sign: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a sine with hidden causes half a period looks like the other sign: here each log alone seems to be early."""
-
-    def delay(runs: Sequence[Run], *_: object, **__: object) -> ResponseDelay:
-        alone = len(runs) == 1
-        return ResponseDelay(delay=-9.0 * alone, error=0.01, improvement=0.9 * alone, values=np.zeros(4))
-
-    monkeypatch.setattr(clocks_apart, "response_delay", delay)
+def test_commands_of_the_opposite_sign_are_no_clock() -> None:
+    """In a sine half a period looks like the other sign."""
     runs = [
-        replace(one, torque=sign * one.torque, filtered_torque=sign * one.filtered_torque)
-        if one.trial.name.startswith("sine")
+        replace(one, torque=-one.torque, filtered_torque=-one.filtered_torque)
+        if one.trial.name in {"sine_1.csv", "steps.csv"}
         else one
         for one in day("large", 1)
     ]
-    named = {fault.logs[0] for fault in faults(runs)}
-    assert {run.trial.name for run in runs} - named == ({f"sine_{k}.csv" for k in range(3)} if sign < 0.0 else set())
+    assert not faults(runs)
 
 
 @pytest.mark.parametrize("seed", [*range(4), *map(slow, range(4, 10))])

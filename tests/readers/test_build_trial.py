@@ -55,6 +55,8 @@ def test_it_begins_when_every_command_is_known(tmp_path: Path) -> None:
 def test_a_command_that_comes_too_late(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="0 heading readings come after every command is known"):
         trial_of(tmp_path, heading=HEADINGS, fore=([50.0], [1.0]))
+    with pytest.raises(LogError, match=f"The commands begin {50.0 - TIME[-1]:.1f} s after the last reading"):
+        trial_of(tmp_path, heading=HEADINGS, fore=([50.0], [1.0]))
 
 
 def test_a_number_that_signals_is_missing(tmp_path: Path) -> None:
