@@ -20,7 +20,7 @@ from rovid.planar.free_runs import FreeRuns, misses_much
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import Linearisation, PlanarOptimum, chord_fit
-from rovid.planar.start_values import start_values
+from rovid.planar.start_values import start_values, with_rudders_of
 
 # Effects that a vehicle with a rudder is likely to have, because its hull moves ahead: lift in proportion to the speed
 # (Fossen 2011, section 6.4.2). Least gain in nats beyond the BIC penalty for which they are part of the base model.
@@ -187,7 +187,7 @@ def _new_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> list[F
         else:
             own[:2] = max(math.hypot(north, east) / size, 0.02), math.atan2(east, north)
         effects = [one.parameters for one in base.model.effects]
-        anew = coordinates.initial(start.model, effects)
+        anew = coordinates.initial(with_rudders_of(base.model, start.model), effects)
         # The disturbance and the noise of a model without it say nothing.
         starts.append(np.concatenate((anew[:at], own, anew[at:])))
     return starts

@@ -242,16 +242,9 @@ def refined(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     """The fit to all readings, from a fit to thinned ones; a fit of free runs, which have all readings, as it is."""
     if best.is_multi_step:
         return best.canonical()
-    grid = best.likelihood.grid
-    coordinates, latency, x = best.coordinates, grid.latency.copy(), best.x.copy()
-    if coordinates.instruments:
-        # A latency that does not show is zero.
-        total = latency + coordinates.latencies(x)
-        hidden = np.abs(total) < _LATENCY_SIGMAS * _latency_errors(best)
-        latency = np.where(hidden, 0.0, total)
-        fixed = [bool(hidden[SENSORS.index(names[0])]) for names in coordinates.instruments]
-        coordinates = coordinates.on_time(fixed)
-        x[coordinates.latency_begin :] = 0.0
+    coordinates, grid, x = best.coordinates, best.likelihood.grid, best.x.copy()
+    latency = grid.latency + coordinates.latencies(x)
+    x[coordinates.latency_begin :] = 0.0
     full = planar_grid(data, coordinates.sizes, yaw_only=grid.yaw_only, interval=0.0, latency=latency)
     return PlanarOptimum.fit(PlanarLikelihood(full, coordinates), x, _LAST_ITERATIONS).canonical()
 
@@ -320,15 +313,14 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
 
 
 def _shown_latency(best: PlanarOptimum) -> dict[str, tuple[float, float]]:
-    """Sensor -> latency in s and standard error, where it is not held at zero; none of free runs, which have none."""
+    """Sensor -> latency in s and standard error, where it shows; none of free runs, which have none."""
     if best.is_multi_step:
         return {}
     coordinates, found = best.coordinates, dict[str, tuple[float, float]]()
     errors, total = _latency_errors(best), best.likelihood.grid.latency + coordinates.latencies(best.x)
-    for at, names in enumerate(coordinates.instruments):
-        if coordinates.free[coordinates.latency_begin + at]:
-            own = map(SENSORS.index, names)
-            found |= {SENSORS[one]: (float(total[one]), float(errors[one])) for one in own}
+    for one in [SENSORS.index(name) for names in coordinates.instruments for name in names]:
+        if abs(total[one]) > _LATENCY_SIGMAS * errors[one] > 0.0:
+            found[SENSORS[one]] = float(total[one]), float(errors[one])
     return found
 
 

@@ -29,7 +29,7 @@ from rovid.planar.equations import CURRENT, HEADING, NORTH, STATES, SURGE, simul
 from rovid.planar.likelihood import CriterionRows
 from rovid.planar.model import AXIS_NAMES, AXIS_SPEEDS, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.start_values import start_values
+from rovid.planar.start_values import start_values, with_rudders_of
 
 # Time constants whose readings determine the start of a simulation, least number of readings, Gauss-Newton steps.
 _START_TIMES, _START_READINGS, _START_ITERATIONS = 2.0, 30, 4
@@ -338,9 +338,7 @@ def fit_free_runs(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptimu
     # The likelihood may have led far astray; the regression that simulates best has not.
     regressed = [start.model for start in start_values(data, with_current=False)]
     start = max(regressed, key=lambda model: mean_free_run_r2(model, data, yaw_only=False))
-    own = zip(best.model.rudders, start.rudders, strict=True)
-    start = replace(start, rudders=tuple(replace(one, lift=was.lift, slipstream=was.slipstream) for one, was in own))
-    first = coordinates.initial(start, [one.parameters for one in best.model.effects])
+    first = coordinates.initial(with_rudders_of(best.model, start), [one.parameters for one in best.model.effects])
     points = [best.x, coordinates.projected(np.concatenate((first[:count], best.x[count:])))]
     likelihood = replace(best.likelihood, free_runs=runs)
     found = min((PlanarOptimum.fit(likelihood, point) for point in points), key=lambda one: one.value)

@@ -177,6 +177,12 @@ def _start(
     return StartValues(model=model, current=current, place=place, force=force, speed=speed, time=time, residual=best)
 
 
+def with_rudders_of(model: PlanarModel, start: PlanarModel) -> PlanarModel:
+    """The ``start`` with the parameters that the rudders of ``model`` have, and with its own lifts and slipstreams."""
+    pairs = zip(model.rudders, start.rudders, strict=True)
+    return replace(start, rudders=tuple(replace(one, lift=own.lift, slipstream=own.slipstream) for one, own in pairs))
+
+
 def with_own_sizes(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptimum:
     """The same model without effects, with the sizes of the sway that its filter estimates: the logs have none."""
     model, old, grid, runs = best.model, best.coordinates, best.likelihood.grid, []

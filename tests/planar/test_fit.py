@@ -21,7 +21,7 @@ from rovid.planar import free_runs
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import _with_stall
-from rovid.planar.fit import PlanarFit, fit_base, fit_planar, most_latencies, planar_result
+from rovid.planar.fit import PlanarFit, _shown_latency, fit_base, fit_planar, most_latencies, planar_result, refined
 from rovid.planar.free_runs import FreeRuns, correlation_time, fit_free_runs, free_run_r2, simulate_planar
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
@@ -250,6 +250,17 @@ def test_a_position_may_be_later_than_the_turn_is_fast() -> None:
     yaw, speed, position = most_latencies(np.array([3.0, 1.5, 0.2]))[[1, 2, 4]]
     assert (yaw, speed, position) == pytest.approx((0.12, 0.9, 0.9))
     assert most_latencies(np.array([20.0, 20.0, 20.0]))[[1, 2, 4]].tolist() == [1.0, 1.0, 5.0]
+
+
+def test_a_latency_that_does_not_show_widens_the_errors(small: tuple[PlanarData, PlanarOptimum]) -> None:
+    """The readings are on time here. The errors contain those of a latency that may be there."""
+    data, base = small
+    late = refined(base, data)
+    assert not _shown_latency(late)
+    held = late.likelihood.with_coordinates(late.coordinates.on_time([True]))
+    on_time = PlanarOptimum(held, late.x, late.value)
+    larger = np.sqrt(np.diag(late.covariance) / np.diag(on_time.covariance))
+    assert larger[:2].min() > 1.02
 
 
 def test_a_stall_angle_is_a_parameter_where_rovid_toml_gives_none() -> None:

@@ -9,13 +9,22 @@ import pytest
 
 from rovid.effects import effect_named
 from rovid.model.bound_effects import BoundEffect
+from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
-from rovid.planar.effect_fits import add_effect, place_entries, planar_candidates, proposed_places, with_hull_lift
+from rovid.planar.effect_fits import (
+    _new_starts,
+    add_effect,
+    place_entries,
+    planar_candidates,
+    proposed_places,
+    with_hull_lift,
+)
 from rovid.planar.fit import fit_base
 from rovid.planar.free_runs import FreeRuns, simulate_planar
+from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.start_values import planar_sizes, start_values
+from rovid.planar.start_values import planar_grid, planar_sizes, start_values
 from tests.planar.vehicles import box_rov, campaign, torpedo
 
 PLACE = effect_named("sensor_place")
@@ -85,6 +94,22 @@ def test_a_regression_begins_near_the_place() -> None:
     still = min(start_values(data, with_current=False), key=lambda one: one.residual)
     assert start.residual < 0.3 * still.residual
     assert still.place == 0.0
+
+
+def test_a_place_has_starts_next_to_the_rudder_of_a_ship() -> None:
+    """A regression has no flow straightening and no stall angle; the starts keep those of the model."""
+    data = campaign(torpedo(3), runs=1, levels=4, hold=8.0, seed=3)
+    start = min(start_values(data, with_current=False), key=lambda one: one.residual)
+    sizes = planar_sizes(data, start)
+    coordinates = PlanarCoordinates.of(start.model, sizes, data.sensors, yaw_only=False)
+    coordinates, x = coordinates.straightened(coordinates.initial(start.model, ()))
+    coordinates, x, _ = coordinates.stalling(x, [0])
+    likelihood = PlanarLikelihood(planar_grid(data, sizes, yaw_only=False, interval=1.0), coordinates)
+    for effect in (PLACE, effect_named("current")):
+        found = _new_starts(PlanarOptimum(likelihood, x, 0.0), effect, data)
+        rudders = [coordinates.with_effect(effect).model(one).rudders[0] for one in found]
+        (usual,) = coordinates.model(x).rudders
+        assert {(one.straightening, one.stall) for one in rudders} == {(usual.straightening, usual.stall)}
 
 
 @pytest.mark.slow
