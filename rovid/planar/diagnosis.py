@@ -7,6 +7,7 @@ the search goes on without it. Thresholds are those of `rovid.diagnose.threshold
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from rovid.effects.base import Coupling, WaterCurrent
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import add_effect, planar_candidates, with_hull_lift
-from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined
+from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined, with_latencies
 from rovid.planar.free_runs import better_simulating, fit_free_runs
 from rovid.planar.held_out import Gate, Parts, PlanarScores, noise_floors
 from rovid.planar.model import AXIS_NAMES
@@ -39,6 +40,10 @@ _FORMLESS = (
 _WIND = "If the vehicle was at the surface, a steady wind may act like the current: compare with the wind of that time."
 _DISAGREED = "Free-running simulations favour {}, the likelihood of the innovations {}: neither is established."
 _OUTWEIGHED = "{} explains these logs better, also held-out ones, but failed a test: {} is not established."
+# Least share of the best predicted gain for which a current is tried first without rudders; score tests are good to a
+# factor of a few.
+# Nats by which the model that was fitted in the current has to be likelier to take the place of the other.
+_LEAST_SHARE, _BETTER = 0.1, 10.0
 # Probability that either of two criteria is right that name different causes. A decision.
 _ONE_OF_TWO = 0.5
 
@@ -82,9 +87,9 @@ def diagnose_planar(
     parts = Parts(data, base)
     if missing := _too_short(data, parts, base):
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
-    search = _search(data, base, own)
-    if (of_current := _base_in_current(search)) is not None:
-        base, parts, search = of_current, Parts(data, of_current), _search(data, of_current, own)
+    search = _in_current(_search(data, base, own))
+    if search.base is not base:
+        base, parts = search.base, Parts(data, search.base)
     model = _selected(search)
     likelier: list[Finding] = []
     simulating = better_simulating(model, data)
@@ -116,21 +121,36 @@ def _selected(search: PlanarSearch) -> PlanarOptimum:
     return search.challenged(search.run(search.base))
 
 
-def _base_in_current(search: PlanarSearch) -> PlanarOptimum | None:
-    """The base model of a hull with rudders in the current that shows next to it; None if that is the same model.
+def _in_current(search: PlanarSearch) -> PlanarSearch:
+    """The search from the model in the current that shows next to its base; the same ``search`` if that is no better.
 
-    A current hides which forces of hull and rudder the runs show.
+    A current hides which forces of hull and rudder the runs show. Where positions alone measure the speeds, a fit
+    without it may also end at inertias from which no step leads to those in the current: that fit begins anew.
     """
-    data = search.data
-    tests = search.screen(search.base) if data.actuators.rudders and search.is_usable(search.base) else []
-    current = next((one.effect for one in tests if isinstance(one.effect.acts, WaterCurrent)), None)
-    if current is None or tests[0].gain < search.threshold or tests[0].effect is not current:
-        return None
-    search.budget.report("Fitting the hull in the current …")
-    moved = with_hull_lift(add_effect(fit_base(data, with_current=True), current, data), data)
+    data, base = search.data, search.base
+    anew = (data.actuators.rudders or "surge_velocity" not in data.sensors) and not search.budget.is_late
+    tests = search.screen(base) if anew and search.is_usable(base) else []
+    currents = [one for one in tests if isinstance(one.effect.acts, WaterCurrent)]
+    test = next((one for one in currents if not one.effect.form), None)
+    share = 1.0 if data.actuators.rudders else _LEAST_SHARE
+    if test is None or currents[0].gain < max(search.threshold, share * tests[0].gain):
+        return search
+    current = test.effect
+    search.budget.report("Fitting the model in the current …")
+    moved = add_effect(fit_base(data, with_current=True), current, data)
+    moved = with_latencies(with_hull_lift(moved, data), data)
     coordinates, x, _ = coordinates_without(moved, current)
     still = PlanarOptimum.fit(moved.likelihood.with_coordinates(coordinates), coordinates.projected(x))
-    return still if still.model.names != search.base.model.names else None
+    if still.model.names == base.model.names:
+        if moved.value > search.polish(search.extended(base, test)).value - _BETTER:
+            return search
+        with suppress(DataError):  # The filter may diverge with the sizes of the other model.
+            other = PlanarOptimum.fit(still.likelihood, coordinates.projected(base.x))
+            still = min((still, other), key=lambda one: one.value)
+    found = _search(data, still, search.budget)
+    own = np.insert(x, coordinates.noise_begin, moved.x[moved.place(current)])
+    found.remember(PlanarOptimum(moved.likelihood.with_coordinates(coordinates.with_effect(current)), own, moved.value))
+    return found
 
 
 def _agreeing(search: PlanarSearch, model: PlanarOptimum, likelier: Collection[str]) -> PlanarOptimum:

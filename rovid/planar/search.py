@@ -79,10 +79,10 @@ class PlanarSearch:
     _tests: dict[Key, list[PlanarScoreTest]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._keep(self.base)
+        self.remember(self.base)
         self._polished.add(_key(self.base.effects))
 
-    def _keep(self, fitted: PlanarOptimum) -> PlanarOptimum:
+    def remember(self, fitted: PlanarOptimum) -> PlanarOptimum:
         """Remember a fit in place of an earlier one of the same model."""
         key = _key(fitted.effects)
         self.fits[key] = fitted
@@ -269,14 +269,14 @@ class PlanarSearch:
         likelihood, known = fitted.likelihood.with_coordinates(coordinates), self.fits.get(key)
         if known is None or likelihood.value(x) < known.value - THRESHOLDS.search_tolerance:
             self._tests.pop(key, None)
-            known = self._keep(chord_fit(likelihood, x, self.line(fitted).matrix[:, columns].copy()))
+            known = self.remember(chord_fit(likelihood, x, self.line(fitted).matrix[:, columns].copy()))
         return known
 
     def polish(self, fitted: PlanarOptimum) -> PlanarOptimum:
         """The model after some steps with complete Jacobians."""
         key = _key(fitted.effects)
         if key not in self._polished or self.fits.get(key) is not fitted:
-            self._keep(PlanarOptimum.fit(fitted.likelihood, fitted.x, _POLISH))
+            self.remember(PlanarOptimum.fit(fitted.likelihood, fitted.x, _POLISH))
             self._polished.add(key)
         return self.fits[key]
 

@@ -15,13 +15,14 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations, Jacobian
 from rovid.planar.dataset import PlanarData, planar_data
-from rovid.planar.diagnosis import _agreeing, _contradicted, _outweighed, diagnose_planar
+from rovid.planar.diagnosis import _agreeing, _contradicted, _in_current, _outweighed, _search, diagnose_planar
+from rovid.planar.fit import fit_base
 from rovid.planar.held_out import Gate, HeldOut
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
 from rovid.present.documents.diagnosis import next_planar_experiment
 from rovid.trial.trial import Campaign
-from tests.planar.vehicles import box_rov, campaign
+from tests.planar.vehicles import box_rov, campaign, usv
 
 Small = tuple[PlanarData, PlanarOptimum]
 
@@ -40,6 +41,24 @@ def test_a_hidden_coupling_is_found_and_predicts_held_out_parts() -> None:
     assert diagnosis.base is not None
     assert diagnosis.extended is not None
     assert diagnosis.extended.held_out.rmse["yaw_rate"] < diagnosis.base.held_out.rmse["yaw_rate"]
+
+
+@pytest.mark.slow
+def test_a_current_is_fitted_anew_from_slow_positions() -> None:
+    """A fit without the current has inertias from which the search does not reach those in the current."""
+    noise = {"heading": (0.005, 0.2), "north": (0.05, 1.0), "east": (0.05, 1.0)}
+    truth, current = usv(6, current=(0.2, 0.3), noise=noise), effect_named("current")
+    data = campaign(truth, runs=2, levels=12, hold=10.0, seed=6)
+    search = _search(data, fit_base(data), Budget())
+    test = next(one for one in search.screen(search.base) if one.effect.key == current.key)
+    stuck = search.polish(search.extended(search.base, test))
+    assert stuck.model.base[0] > 1.3 * truth.base[0]
+    found = _in_current(search)
+    anew = found.fits[frozenset({current.key})]
+    assert found.causes(anew) == (current,)
+    assert stuck.value - anew.value > 100.0
+    np.testing.assert_allclose(anew.model.base[:3], truth.base[:3], rtol=0.05)
+    assert anew.canonical().model.value("current.speed") == pytest.approx(np.hypot(0.2, 0.3), rel=0.02)
 
 
 def test_a_search_without_time_says_so_and_names_nothing() -> None:
