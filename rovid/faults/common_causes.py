@@ -43,6 +43,8 @@ _SWIRL = 0.4
 _SIGN_WIDTH = 0.1
 # Share of what a model of each of two groups leaves unexplained, that a torque of all logs leaves at most.
 _FAR_LESS = 0.5
+# Share of the torque's mean square, below which a log shows no motion: a quarter of the amplitude.
+_STILL = 0.06
 # Likelihood ratio (nats) of a model of its own for one log over one model of all: 99.9 % quantile of three parameters.
 _OWN_MODEL = 8.1
 # Probability of a residual variance, over the median of the other logs, up to which a disturbance explains it.
@@ -187,9 +189,46 @@ def _driven(run: Run, vehicle: Vehicle, change: _Drive, size: float) -> Run:
         column = np.full(len(command), np.nan)
         column[known] = neutral + change(trial.time[known], command[known] - neutral, size)
         columns.append(column)
-    moved = replace(trial, commands=np.column_stack(columns))
+    return _with_commands(run, vehicle, np.column_stack(columns))
+
+
+def _with_commands(run: Run, vehicle: Vehicle, commands: FloatArray) -> Run:
+    moved = replace(run.trial, commands=commands)
     torque = vehicle.torque(moved)
     return replace(run, trial=moved, torque=torque, filtered_torque=run.rates.filter_held(moved, torque))
+
+
+def dead_thrusters(runs: Sequence[Run], vehicle: Vehicle) -> dict[int, set[str]]:
+    """Numbers of the thrusters that push in no log, each with the logs that show it: used alone, it moves nothing.
+
+    A model of the other logs without that thruster explains one of them far better, and all of them no worse.
+    """
+    model, found = fit_quick_model(runs, vehicle), dict[int, set[str]]()
+    if model is None or len(vehicle.thrusters) < 2:
+        return found
+    for k in range(len(vehicle.thrusters)):
+        alone = [log for log in model.regressors if not np.delete(log.single, k, axis=1).any()]
+        silent = {log.name for log in alone if np.sum((log.x @ model.values) ** 2) < _STILL * np.sum(log.torque**2)}
+        if not silent or len(silent) < len(alone):
+            continue
+        rest = [run for run in runs if log_name(run) not in silent]
+        plain, without = fit_quick_model(rest, vehicle), fit_quick_model(at_rest(rest, vehicle, [k]), vehicle)
+        if plain is None or without is None:
+            continue
+        before = {log.name: log.misfit**2 for log in plain.logs}
+        pairs = [(before.get(log.name, 0.0), log.misfit**2) for log in without.logs]
+        is_far_better = any(after < _FAR_LESS * own for own, after in pairs)
+        if is_far_better and sum(after for _, after in pairs) < sum(own for own, _ in pairs):
+            found[k] = silent
+    return found
+
+
+def at_rest(runs: Sequence[Run], vehicle: Vehicle, thrusters: Collection[int]) -> Sequence[Run]:
+    """The ``runs`` with the commands of these ``thrusters`` at their neutral values."""
+    if not thrusters:
+        return runs
+    neutral, at = neutral_commands(vehicle), np.isin(np.arange(len(vehicle.thrusters)), [*thrusters])
+    return [_with_commands(run, vehicle, np.where(at, neutral, run.trial.commands)) for run in runs]
 
 
 def least_unexplained(runs: Sequence[Run], vehicle: Vehicle, model: QuickModel, deviating: Collection[str]) -> float:

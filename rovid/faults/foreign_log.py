@@ -19,7 +19,9 @@ from rovid.faults.base import Detection, Detectors, RunsData, named
 from rovid.faults.command_roles import misassigned
 from rovid.faults.common_causes import (
     JointModel,
+    at_rest,
     common_drive,
+    dead_thrusters,
     least_unexplained,
     replaces_groups,
     unexplained,
@@ -108,6 +110,8 @@ class _Groups:
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
+    dead = dead_thrusters(data.runs, data.vehicle)
+    data = replace(data, runs=at_rest(data.runs, data.vehicle, dead))
     # A hull that moves ahead turns by itself (Munk moment), which in yaw alone is a thruster that does not push.
     while not data.vehicle.planar and (misfit := misassigned(data.runs, data.vehicle)):
         so = "" if misfit.after is None else f", and {100.0 * misfit.after:.0f} % with that"

@@ -22,6 +22,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import Detection, Detectors, RunsData
+from rovid.faults.common_causes import dead_thrusters
 from rovid.faults.foreign_log import without
 from rovid.faults.log_regressors import first_order, held_torque
 from rovid.faults.quick_model import QuickModel, fit_quick_model, log_parts
@@ -63,6 +64,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     tau = model.time_constant
     torques = {name: _rms([_torque(run, tau) for run in runs]) for name, runs in parts.items()}
     pushed = {name: torque for name, torque in torques.items() if torque > 0.0}
+    dead = set[str]().union(*dead_thrusters(data.runs, data.vehicle).values())
     still = set[str]()
     for name, torque in pushed.items():
         others = [other for other in pushed if other != name]
@@ -70,14 +72,16 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         response = rates[name] / torque
         if enough and response < _NONE * float(np.median([rates[other] / pushed[other] for other in others])):
             still.add(name)
-            yield _found(name, parts[name], rates[name])
+            if name not in dead:
+                yield _found(name, parts[name], rates[name])
     # The torque of a rudder of the coupled model is its angle alone: at rest it turns nothing.
     if any(thruster.rudder is not None for thruster in data.vehicle.thrusters):
         return
     rest = {name: runs for name, runs in parts.items() if name not in still}
     interrupted = dict(_interruptions(rest, model))
     for name, pause in interrupted.items():
-        yield _found(name, parts[name], rates[name], *pause)
+        if pause or name not in dead:
+            yield _found(name, parts[name], rates[name], *pause)
     yield from _stretches({name: runs for name, runs in rest.items() if name not in interrupted}, tau)
 
 

@@ -140,11 +140,16 @@ def pooled_offsets(
 ) -> list[ClockOffset]:
     """One clock for all files of a part if the offsets agree, or a common drift, or else the clocks themselves.
 
+    A file with a setting of its own under [join] stays by itself.
+
     ``scatter``: s, standard deviation between the offsets of files with one clock, besides their errors.
     """
     parts: dict[str, list[ClockOffset]] = {}
     for clock in clocks:
-        parts.setdefault(join.part(clock.name) if join else "", []).append(clock)
+        name = "" if join is None else join.part(clock.name)
+        if join is not None and not join.is_corrected_by_part(clock.name):
+            name = clock.name
+        parts.setdefault(name, []).append(clock)
     pooled: list[ClockOffset] = []
     for part, own in parts.items():
         times = [(starts[clock.name], clock.middle) for clock in own]

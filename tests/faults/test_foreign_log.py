@@ -11,6 +11,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import played, slewed
+from rovid.faults import no_response
 from rovid.faults.base import RunsData, examine
 from rovid.faults.foreign_log import DETECTORS, _explains_itself, _foreign, _with_own_model, minority_payload
 from rovid.faults.quick_model import fit_quick_model, log_name
@@ -88,6 +89,26 @@ def test_slow_turns_in_rough_water_and_a_fast_one_are_of_one_vehicle(low: float,
         one = run(time, torque, scaled(SMALL, 10.0, 10.0), cutoff=0.7, disturbance=disturbance, noise=noise)
         runs.append(replace(one, trial=replace(one.trial, name=f"hold_{number}.csv", commands=commands)))
     assert not examine(DETECTORS["runs"], RunsData(runs=runs, vehicle=TWO), FaultOverrides())[1]
+
+
+@pytest.mark.parametrize("is_dead", [True, False])
+def test_a_thruster_that_pushes_in_no_log_is_no_fault_of_two_logs(is_dead: bool) -> None:
+    """Used alone it moves nothing, and the other one alone turns the vehicle twice as well: one cause of all logs."""
+    rng, time, runs = np.random.default_rng(5), clock(120.0, 5.0), list[Run]()
+    signs, neutral = np.sign([*ARMS.values()]), np.zeros(2)
+    for number, used in enumerate([signs, signs, signs, signs, [1.0, 0.0], [0.0, 1.0]]):
+        level = (-0.9, 0.7, -0.5, 0.9, 0.8, -0.8)[number] * np.where(time < 60.0, 1.0, -1.0)
+        commands = np.where((time > 4.0) & (time % 60.0 < 40.0), level, 0.0)[:, None] * used
+        # Where it is not dead, the vehicle is held in one log.
+        acts = commands * [1.0, 0.0] if is_dead else commands * (neutral if number == 5 else 1.0)
+        torque, pushed = (100.0 * each @ np.array([*ARMS.values()]) for each in (commands, acts))
+        disturbance, noise = gauss_markov(len(time), 0.2, 2.0, 0.2, rng), rng.normal(0.0, 1e-3, len(time))
+        one = run(time, pushed, scaled(SMALL, 800.0, 40.0), cutoff=0.7, disturbance=disturbance, noise=noise)
+        trial = replace(one.trial, name=f"run_{number}.csv", commands=commands)
+        runs.append(replace(one, trial=trial, torque=torque, filtered_torque=one.rates.filter_held(trial, torque)))
+    detectors = (*no_response.DETECTORS["runs"], *DETECTORS["runs"])
+    faults = examine(detectors, RunsData(runs=runs, vehicle=TWO), FaultOverrides())[1]
+    assert [fault.logs for fault in faults] == ([] if is_dead else [("run_5.csv",)])
 
 
 def test_a_log_in_parts_is_judged_without_the_mean_torque_of_each() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from rovid.preflight.clock_alignment import ClockOffset, ClockOffsets, align_clo
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers import read_campaign
 from rovid.trial.config import Config, load_config
+from rovid.trial.log_files import Join
 from tests.conftest import Rovid, slow
 from tests.readers.test_formats import day
 from tools.folders import Clocks, write_folder
@@ -148,6 +150,19 @@ def test_logs_that_begin_at_once_show_no_drift_of_a_day(apart: float) -> None:
     ]
     drifts = [clock.drift for clock in clock_offsets.pooled_offsets(clocks, starts, None)]
     assert drifts == [pytest.approx(4000.0 if apart else 0.0)] * 4
+
+
+def test_files_with_offsets_of_their_own_are_not_one_clock() -> None:
+    """What is left of their offsets is alike, but what [join] sets is not."""
+    join = Join(parts=("ins", "thr"), offset={"1_thr.csv": -0.9, "2_thr.csv": -1.1})
+    clocks = [ClockOffset(name=f"{k}_thr.csv", offset=0.001 * k, error=0.01) for k in range(1, 4)]
+    starts: dict[str, float | None] = {clock.name: 1e9 for clock in clocks}
+    assert [clock.name for clock in clock_offsets.pooled_offsets(clocks, starts, join)] == [
+        "1_thr.csv",
+        "2_thr.csv",
+        "3_thr.csv",
+    ]
+    assert [clock.name for clock in clock_offsets.pooled_offsets(clocks, starts, replace(join, offset={}))] == ["thr"]
 
 
 JOIN = 'parts = ["ins", "thr"]\n'
