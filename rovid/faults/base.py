@@ -162,6 +162,11 @@ class RunsData:
     vehicle: Vehicle
 
 
+def without(data: RunsData, log: str) -> RunsData:
+    """``data`` without the runs of a log."""
+    return replace(data, runs=[run for run in data.runs if log not in {run.trial.parent, run.trial.name}])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Detection(Generic[T]):
     """A fault that was found."""

@@ -20,9 +20,8 @@ from functools import partial
 import numpy as np
 
 from rovid.core.formatting import plus_minus
-from rovid.faults.base import Detection, Detectors, RunsData, named
+from rovid.faults.base import Detection, Detectors, RunsData, named, without
 from rovid.faults.clock_drift import clock_drift
-from rovid.faults.foreign_log import without
 from rovid.faults.quick_model import log_name, log_parts
 from rovid.faults.response_delay import FEW_BLOCKS, LONGEST, ResponseDelay, ShiftedTorque, far_delay, response_delay
 from rovid.trial.fault import Fault

@@ -15,7 +15,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
-from rovid.faults.base import Detection, Detectors, RunsData, named
+from rovid.faults.base import Detection, Detectors, RunsData, named, without
 from rovid.faults.command_roles import misassigned
 from rovid.faults.common_causes import (
     JointModel,
@@ -47,6 +47,8 @@ _OPPOSITE = " That is impossible: its heading or its commands have the opposite 
 # A heading in radians that is read as degrees: the motion seems this much smaller. Largest relative error to say so.
 _RADIAN, _PRECISE = 180.0 / np.pi, 0.1
 _IN_RADIANS = " Its heading seems to be in radians, and that of the others in degrees."
+# A motion of another size: factors of the inertia, by which the drag grows or falls at least.
+_SIZES = {2.0: "half", 0.5: "twice"}
 # Probability of a foreign log where a guessed thrust curve, or a drive of all logs, explains the deviation as well.
 _EVEN = 0.5
 # The same factor may come from a guessed thrust curve, and the log from the same vehicle.
@@ -172,6 +174,9 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
 
 def _is_foreign(log: LogMoments, count: int) -> bool:
     sizes = np.abs(log.deviation) - 2.0 * log.standard_errors
+    inertia, drag = 1.0 + log.deviation
+    if drag < 0.0 and inertia > _CERTAIN * log.standard_errors[0]:
+        sizes = sizes[:1]  # No vehicle has that, but an autopilot that holds against a disturbance seems to.
     return count * log.chance < _LEVEL and bool(sizes.max() > _MIN_DEVIATION)
 
 
@@ -259,16 +264,10 @@ def _foreign(log: LogMoments, count: int, vehicle: Vehicle) -> Detection[RunsDat
     # A size that no vehicle has, or an uncertain one, is no size of another vehicle.
     is_sized = is_opposite or (factor > 0.0 and error < _UNSIZED * abs(factor - 1.0))
     is_radians = at == 0 and error < _PRECISE * factor and abs(factor - _RADIAN) < _CERTAIN * error
+    own = f"its {what} is {plus_minus(factor, error)} times theirs" if is_sized else f"its own {what} is not determined"
     text = (
         f"{log.name} does not belong to the other logs: their model leaves {100.0 * log.misfit:.0f} % of its torque "
-        f"unexplained, and "
-        + (
-            f"its {what} is {plus_minus(factor, error)} times theirs."
-            if is_sized
-            else f"its own {what} is not determined."
-        )
-        + (_OPPOSITE if is_opposite else "")
-        + (_IN_RADIANS if is_radians else "")
+        f"unexplained, and {own}.{_OPPOSITE * is_opposite}{_IN_RADIANS * is_radians}{_size_text(log, vehicle)}"
     )
     fault = Fault(
         fault="foreign_log",
@@ -286,14 +285,22 @@ def _foreign(log: LogMoments, count: int, vehicle: Vehicle) -> Detection[RunsDat
     return Detection(fault=fault, done="It was set aside.", repair=partial(without, log=log.name))
 
 
+def _size_text(log: LogMoments, vehicle: Vehicle) -> str:
+    """Sentence on a motion that may be logged at another size; empty where inertia and drag do not fit."""
+    (inertia, drag), (error, drag_error) = 1.0 + log.deviation, _CERTAIN * log.standard_errors
+    for factor, size in _SIZES.items():
+        least, most = sorted((factor, factor**2))
+        if (
+            abs(inertia - factor) < error < _CERTAIN * _PRECISE * factor
+            and least - drag_error < drag < most + drag_error
+        ):
+            return f" Its {vehicle.axis.position_words} may be logged at {size} its size."
+    return ""
+
+
 def _doubtful(detection: Detection[RunsData], done: str) -> Detection[RunsData]:
     """The same fault without a remedy, where something else explains the deviation as well."""
     return Detection(fault=replace(detection.fault, remedy="none", confidence=_EVEN, may_be_explained=False), done=done)
-
-
-def without(data: RunsData, log: str) -> RunsData:
-    """``data`` without the runs of a log."""
-    return replace(data, runs=[run for run in data.runs if log_name(run) != log])
 
 
 def minority_payload(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:

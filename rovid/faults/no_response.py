@@ -21,9 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import Detection, Detectors, RunsData
+from rovid.faults.base import Detection, Detectors, RunsData, without
 from rovid.faults.common_causes import dead_thrusters
-from rovid.faults.foreign_log import without
 from rovid.faults.log_regressors import first_order, held_torque
 from rovid.faults.quick_model import QuickModel, fit_quick_model, log_parts
 from rovid.trial.fault import Fault

@@ -13,7 +13,14 @@ from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import played, slewed
 from rovid.faults import no_response
 from rovid.faults.base import RunsData, examine
-from rovid.faults.foreign_log import DETECTORS, _explains_itself, _foreign, _with_own_model, minority_payload
+from rovid.faults.foreign_log import (
+    DETECTORS,
+    _explains_itself,
+    _foreign,
+    _is_foreign,
+    _with_own_model,
+    minority_payload,
+)
 from rovid.faults.quick_model import fit_quick_model, log_name
 from rovid.model.model import Model
 from rovid.trial.fault import Fault, FaultOverrides
@@ -209,6 +216,25 @@ def test_a_log_in_radians_is_told_so(factor: float) -> None:
     others = {"sine_1.csv": scaled(model("large"), factor, factor)}
     _, (fault,) = found(day("large", 1, others, disturbance=0.002))
     assert ("in radians" in fault.text) == (factor == 57.3)
+
+
+@pytest.mark.parametrize(("size", "words"), [(0.5, "half its size"), (2.0, "twice its size"), (0.7, "")])
+def test_a_log_at_half_its_size_is_told_so(size: float, words: str) -> None:
+    """A motion at another size is a vehicle with another inertia, and with a quadratic drag by the square of it."""
+    base = model("large")
+    quadratic, linear = base.quadratic_drag / size**2, base.linear_drag / size
+    other = Model(inertia=base.inertia / size, quadratic_drag=quadratic, linear_drag=linear)
+    _, (fault,) = found(day("large", 1, {"steps.csv": other}, disturbance=0.002))
+    assert fault.logs == ("steps.csv",)
+    assert "may be logged" not in fault.text if not words else f"may be logged at {words}" in fault.text
+
+
+def test_a_negative_drag_alone_is_of_a_controller_that_holds_against_a_disturbance() -> None:
+    fitted = fit_quick_model(day("large", 1), LOGGED)
+    assert fitted is not None
+    unlikely = replace(fitted.logs[0], chance=1e-6, standard_errors=np.array([0.06, 0.2]))
+    for deviation, foreign in (([0.26, -2.13], False), ([-2.0, -2.13], True), ([0.9, -2.13], True), ([0.0, 1.0], True)):
+        assert _is_foreign(replace(unlikely, deviation=np.array(deviation)), 6) is foreign
 
 
 def test_a_log_with_the_opposite_sign_is_told_so() -> None:
