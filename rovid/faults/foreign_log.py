@@ -41,8 +41,7 @@ _LEVEL = 1e-3
 _MIN_DEVIATION, _MIN_STEP = 0.2, 0.06
 # Logarithm of the share of the usual RMS torque, about its mean, that a log needs: another log says nothing by itself.
 _EXCITED = np.log(0.2)
-# Standard errors by which a factor is negative; no vehicle has a negative inertia or drag.
-_CERTAIN = 3.0
+_CERTAIN = 3.0  # Standard errors by which a factor is negative; no vehicle has a negative inertia or drag.
 _OPPOSITE = " That is impossible: its heading or its commands have the opposite sign, or its columns changed places."
 # A heading in radians that is read as degrees: the motion seems this much smaller. Largest relative error to say so.
 _RADIAN, _PRECISE = 180.0 / np.pi, 0.1
@@ -286,7 +285,7 @@ def _foreign(log: LogMoments, count: int, vehicle: Vehicle) -> Detection[RunsDat
 
 
 def _size_text(log: LogMoments, vehicle: Vehicle) -> str:
-    """Sentence on a motion that may be logged at another size; empty where inertia and drag do not fit."""
+    """Sentence on a motion that may be logged at another size; empty where its factors do not fit."""
     (inertia, drag), (error, drag_error) = 1.0 + log.deviation, _CERTAIN * log.standard_errors
     for factor, size in _SIZES.items():
         least, most = sorted((factor, factor**2))
