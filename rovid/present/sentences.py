@@ -34,6 +34,8 @@ from rovid.trial.vehicle import Vehicle
 
 CUT_SHORT = "The search ended at the limit of its time, before every cause was tried: repeat it with a larger --budget."
 _ALL_THRUST = "all thrust"
+# Causes of one class that a sentence names; JSON lists all. Convention.
+_CAUSES_NAMED = 4
 # Change of settling time or overshoot, in shares, and of overshoot in deg, that a user notices. Convention.
 _RELEVANT, _LEAST_OVERSHOOT = 0.05, 2.0
 
@@ -60,9 +62,11 @@ def cause_titles(effect_ids: Sequence[str]) -> str:
 
 
 def cause_name(finding: Finding) -> str:
-    """A cause by name, with the causes that the data do not distinguish from it."""
+    """A cause by name, with the causes that the data do not distinguish from it; the best ones of many."""
     effects = (finding.effect, *finding.indistinguishable)
-    return join_words([finding.estimate.axis.reword(effect.title) for effect in effects], "or")
+    count = len(effects) - _CAUSES_NAMED
+    names = [finding.estimate.axis.reword(effect.title) for effect in effects[: _CAUSES_NAMED if count > 1 else None]]
+    return join_words([*names, *([f"one of {count} others"] if count > 1 else [])], "or")
 
 
 def other_causes(finding: Finding) -> list[Alternative | OtherCause]:

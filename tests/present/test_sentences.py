@@ -48,6 +48,9 @@ def test_causes_are_named_in_one_sentence() -> None:
     guess = Assumptions(items=("curve of fore",), thrusters=1)
     assert verdict_sentence(found, guess).startswith("The plain model, with a guessed thrust curve, misses")
     assert cause_name(LAG) == "thruster lag"
+    many = tuple(map(effect_named, ("command_delay", "slew_limit", "supply_sag", "tank_seiche", "bias_torque")))
+    said = cause_name(replace(LAG, indistinguishable=many))
+    assert said == "thruster lag, command delay, slew limit, supply sag or one of 2 others"
 
 
 def test_where_no_cause_is_named_that_is_said() -> None:
