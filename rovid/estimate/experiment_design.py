@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.core.formatting import csv_line
+from rovid.core.formatting import csv_line, significant
 from rovid.core.threads import thread_map
 from rovid.estimate.candidate_runs import CandidateRun, RunLimits, RunScales, candidate_runs, design_run
 from rovid.estimate.filter_data import InnovationData
@@ -93,6 +93,7 @@ class ExperimentPlan:
     runs: tuple[ExpectedInformation, ...]
     thrusters: tuple[str, ...]
     disturbance_rate: float  #: Rate in rad/s or m/s that the disturbance drives: smaller differences are not visible.
+    reason: str = ""  #: Why these causes, or this parameter.
 
     @property
     def best(self) -> ExpectedInformation:
@@ -127,8 +128,14 @@ def plan_experiment(
     drawn = candidate_runs(scales, names, limits.seconds + scales.period)
     reference = trials[0].reference
     runs = [replace(run, reference=reference) for run in drawn]
-    if not parameter and len(models) == 1:
-        parameter = least_certain_parameter(models[0])
+    if len(models) > 1:
+        reason = f"it gives the most evidence a minute between {models[0].name} and {models[1].name}"
+    else:
+        errors, most = relative_errors(models[0]), "" if parameter else ", the largest of all"
+        parameter = parameter or max(errors, key=errors.__getitem__)
+        reason = (
+            f"the standard error of {parameter} is {significant(100.0 * errors[parameter], 2)} % of its value{most}"
+        )
     ranked = rank_runs(runs, models, vehicle, limits, parameter=parameter)
 
     def worth(run: CandidateRun) -> float:
@@ -145,6 +152,7 @@ def plan_experiment(
         runs=tuple(ranked),
         thrusters=names,
         disturbance_rate=models[0].disturbance * models[0].model.rate_std_per_torque(rate, models[0].memory),
+        reason=reason,
     )
 
 
@@ -155,12 +163,12 @@ def require_thrusters(vehicle: Vehicle) -> None:
         raise DataError(text, mend="Release it from a large and from a small tilt, at rest and at speed.")
 
 
-def least_certain_parameter(candidate: CandidateModel) -> str:
-    """Name of the parameter with the largest relative standard error; parameters of value 0 do not count."""
+def relative_errors(candidate: CandidateModel) -> dict[str, float]:
+    """Parameter -> its standard error as a share of its value; 0 for a parameter of value 0."""
     values = np.abs(candidate.model.values)
     errors = np.sqrt(np.maximum(np.diag(candidate.covariance), 0.0))
     relative = np.where(values != 0.0, errors / np.maximum(values, 1e-300), 0.0)
-    return candidate.model.names[int(np.argmax(relative))]
+    return dict(zip(candidate.model.names, relative.tolist(), strict=True))
 
 
 def rank_runs(

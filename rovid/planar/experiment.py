@@ -170,7 +170,6 @@ class PlanarPlan:
 
     ranked: ExperimentPlan  #: The parameter, and the runs with the predicted (3, n) u, v over ground and r.
     fit: PlanarFit  #: Of the logs at hand.
-    reason: str  #: Why this parameter.
     #: Parameter -> standard error by the logs, and predicted with the best run; infinite where it is not determined.
     errors: Mapping[str, tuple[float, float]]
     left_out: Mapping[str, str]  #: Run that was left out -> why.
@@ -233,11 +232,11 @@ def plan_planar(data: PlanarData, best: PlanarOptimum, limits: RunLimits, narrow
         runs=tuple(one for one, _ in found),
         thrusters=tuple(one.name for one in data.vehicle.thrusters),
         disturbance_rate=0.0,
+        reason=reason,
     )
     return PlanarPlan(
         ranked=ranked,
         fit=fit,
-        reason=reason,
         errors={name: (before, after) for name, (before, after) in zip(names, pairs.tolist(), strict=True)},
         left_out=left_out,
         warnings=tuple(_warnings(fit, allocation, guessed=bool((coordinates.free[: len(names)] & ~known).any()))),

@@ -17,10 +17,9 @@ from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, re
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, thruster_outputs, vehicle_type
-from rovid.readers.campaign import nothing_to_read
 from rovid.trial.axis import AXES, YAW, Axis
 from rovid.trial.config import FILE_NAME
-from rovid.trial.log_files import Join
+from rovid.trial.log_files import Join, nothing_to_read
 from rovid.trial.preprocessing import Exclusion
 from rovid.trial.tables import read_curve
 from rovid.trial.vehicle import ThrustCurve

@@ -11,16 +11,16 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget, ProgressCallback
-from rovid.core.errors import LogError, quoted_list, shortened_list, suggestion
+from rovid.core.errors import LogError, RovidError, quoted_list, shortened_list, suggestion
 from rovid.core.input_files import file_parts, list_files, require_exists
 from rovid.core.output_files import own_output
 from rovid.core.spmd import ForkedCall
 from rovid.faults.base import CampaignData, detectors_at, examine
-from rovid.readers.formats import READERS, read_log, trial_files
+from rovid.readers.formats import read_log, trial_files
 from rovid.trial.axis import Axis
 from rovid.trial.config import Config, find_config, load_config
 from rovid.trial.fault import Fault
-from rovid.trial.log_files import FORMATS, QUALIFIER, is_log, other_suffixes
+from rovid.trial.log_files import FORMATS, QUALIFIER, is_log, nothing_to_read
 from rovid.trial.preprocessing import split
 from rovid.trial.tables import CURVE_COLUMNS, PULL_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS, has_time
 from rovid.trial.trial import Campaign, Remark, Trial
@@ -202,7 +202,7 @@ def _unmatched_exclusions(logs: Sequence[_File], config: Config) -> Iterator[Rem
             yield Remark(kind="skipped", count=1, text=f"{text} {suggestion(exclusion.log, names)}")
 
 
-def _no_logs(paths: Sequence[Path], files: Sequence[_File], config: Config) -> LogError:
+def _no_logs(paths: Sequence[Path], files: Sequence[_File], config: Config) -> RovidError:
     if not files:
         return nothing_to_read(paths)
     names = [one.name for one in files]
@@ -216,15 +216,6 @@ def _no_logs(paths: Sequence[Path], files: Sequence[_File], config: Config) -> L
     text += f"none has a column that rovid.toml maps ({mapped}){unmapped}."
     mend = "Correct [signals] in rovid.toml, or give the folder that holds the logs."
     return LogError(text, where=", ".join(map(str, paths)), mend=mend)
-
-
-def nothing_to_read(paths: Sequence[Path]) -> LogError:
-    """Error for ``paths`` without a file that rovid reads, with the suffixes of the files that are there."""
-    found = other_suffixes(file for path in paths for file in list_files(path, lambda _: None).files)
-    text, mend = f"holds no logs: no {', '.join(READERS)} file.", "Give the folder that holds the logs."
-    if found:
-        text, mend = f"{text} It holds {found}.", f"{mend} Export logs of another format as CSV."
-    return LogError(text, where=", ".join(map(str, paths)) or "logs", mend=mend)
 
 
 # Bytes; larger logs are not prefetched.

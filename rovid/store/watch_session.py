@@ -317,9 +317,7 @@ class WatchSession:
             problems.resolve("command file")
         except OutputError as error:
             problems.report("command file", str(error))
-        reason = advice["reason"] if advice else "it narrows the interval of a parameter"
-        if plan.parameter:
-            reason = f"it narrows the interval of {plan.parameter}"
+        reason = advice["reason"] if advice and not plan.parameter else plan.reason
         if self._diagnosis is not None and self._diagnosis.is_settled:
             reason += "; nothing more to run for the causes"
         yield NextRun(words=plan.best.run.name, reason=reason, plan=plan, written=written)

@@ -26,7 +26,7 @@ from rovid.trial.axis import (
 )
 from rovid.trial.config_values import GUESSED, ConfigValues
 from rovid.trial.fault import FAULT_IDS, FaultOverrides
-from rovid.trial.log_files import Join
+from rovid.trial.log_files import Join, files_in, is_log, nothing_to_read
 from rovid.trial.preprocessing import Exclusion
 from rovid.trial.vehicle import Thruster, Vehicle
 
@@ -125,6 +125,8 @@ def find_config(paths: Sequence[Path]) -> Path:
     for candidate in (folder, *folder.parents):
         if (candidate / FILE_NAME).is_file() or special_kind(candidate / FILE_NAME):
             return candidate / FILE_NAME
+    if not any(map(is_log, files_in(paths))):
+        raise nothing_to_read(paths, NoConfigError)
     text = f"no {FILE_NAME} here or in any folder above it; it maps columns to signals and describes the thrusters."
     raise NoConfigError(text, where=paths[0], mend="Run `rovid init LOGS`, which writes one from the logs.")
 

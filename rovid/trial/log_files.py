@@ -8,6 +8,9 @@ from fnmatch import fnmatchcase
 from itertools import combinations
 from pathlib import Path, PurePath
 
+from rovid.core.errors import LogError, RovidError
+from rovid.core.input_files import list_files
+
 # Suffix -> format. The format is the key of its sources in rovid.toml and names its reader: "bag" is `bag_reader`.
 FORMATS: Mapping[str, str] = {
     ".csv": "csv",
@@ -25,7 +28,8 @@ FORMATS: Mapping[str, str] = {
     **dict.fromkeys((".tsv", ".txt", ".dat", ".lvm"), "csv"),
 }
 # Suffixes of tables and of other files too, and the number of rows of numbers that show a table.
-_PERHAPS, _TABLE_ROWS, _HEAD = {".txt", ".dat"}, 10, 1 << 16
+_PERHAPS, _TABLE_ROWS, _HEAD = (".txt", ".dat"), 10, 1 << 16
+_PUT_LOGS = "Put the logs into this folder, or give the folder that holds them."
 # Number of suffixes in a message.
 _MAX_SUFFIXES = 3
 _NUMBER = re.compile(r"[+-]?[\d.,:+-]*\d[\d.,:eE+-]*")
@@ -74,10 +78,20 @@ def is_log(path: Path) -> bool:
     return count >= _TABLE_ROWS
 
 
-def other_suffixes(files: Iterable[Path]) -> str:
-    """The most frequent suffixes of files that are no logs, with their numbers, as "6 .alog, 1 .xlsx"; may be empty."""
-    counts = Counter(file.suffix.lower() for file in files if file.suffix and not is_log(file))
-    return ", ".join(f"{count} {suffix}" for suffix, count in counts.most_common(_MAX_SUFFIXES))
+def files_in(paths: Iterable[Path]) -> list[Path]:
+    """All files in ``paths``, those in inner folders too; folders that cannot be read are left out."""
+    return [file for path in paths for file in list_files(path, lambda _: None).files]
+
+
+def nothing_to_read(paths: Sequence[Path], error: type[RovidError] = LogError) -> RovidError:
+    """The ``error`` for ``paths`` without a file that rovid reads, with the suffixes of the files that are there."""
+    counts = Counter(file.suffix.lower() for file in files_in(paths) if file.suffix and not is_log(file))
+    text = f"holds no logs: no {', '.join(suffix for suffix in FORMATS if suffix not in _PERHAPS)} file"
+    text, mend = f"{text}, and no {' or '.join(_PERHAPS)} file with a table of numbers.", _PUT_LOGS
+    if counts:
+        found = ", ".join(f"{count} {suffix}" for suffix, count in counts.most_common(_MAX_SUFFIXES))
+        text, mend = f"{text} It holds {found}.", f"{mend} Export logs of another format as CSV."
+    return error(text, where=", ".join(map(str, paths)) or "logs", mend=mend)
 
 
 def is_called(name: str, pattern: str) -> bool:

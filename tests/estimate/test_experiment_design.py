@@ -94,6 +94,20 @@ def test_a_fit_that_ran_off_is_refused_by_its_time_constant() -> None:
         plan_experiment([runaway], synthetic.VEHICLE, [log], RunLimits())
 
 
+def test_a_plan_says_why_it_chose_its_parameter_or_its_causes() -> None:
+    time = synthetic.clock(60.0, rate=5.0)
+    log, limits = synthetic.trial(time, np.where(time < 30.0, 2.0, -2.0)), RunLimits(seconds=60.0)
+    model = model_with()
+    unsure = replace(model, covariance=model.covariance * np.diag([1.0, 0.25, 4.0]))
+    plan = plan_experiment([unsure], VEHICLE, [log], limits)
+    assert plan.parameter == "linear_drag"
+    assert plan.reason == "the standard error of linear_drag is 20 % of its value, the largest of all"
+    asked = plan_experiment([unsure], VEHICLE, [log], limits, "quadratic_drag")
+    assert asked.reason == "the standard error of quadratic_drag is 5.0 % of its value"
+    pair = plan_experiment([model, replace(model, name="b")], VEHICLE, [log], limits)
+    assert (pair.parameter, pair.reason) == ("", "it gives the most evidence a minute between a and b")
+
+
 def test_runs_beyond_the_limit_are_not_sampled() -> None:
     time = synthetic.clock(60.0)
     log = synthetic.trial(time, np.where(time < 30.0, 5.0, -5.0))

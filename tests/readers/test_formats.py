@@ -109,7 +109,7 @@ def test_nothing_there(tmp_path: Path, config: Config) -> None:
     with pytest.raises(LogError, match=r"empty: holds no logs: no \.csv, \.mcap, "):
         read_campaign([tmp_path / "empty"], config)
     (tmp_path / "empty/run.xlsx").touch()
-    with pytest.raises(LogError, match=r"It holds 1 \.xlsx\. Give the folder .* Export logs of another format as CSV"):
+    with pytest.raises(LogError, match=r"It holds 1 \.xlsx\. Put the logs .* Export logs of another format as CSV"):
         read_campaign([tmp_path / "empty"], config)
     with pytest.raises(LogError, match=r"nowhere: there is no such file or folder"):
         read_campaign([tmp_path / "nowhere"], config)

@@ -84,6 +84,7 @@ def plan_document(
         **fits.axis_document(vehicle.axis),
         "between": between,
         "narrow": plan.parameter or None,
+        "reason": plan.reason,
         "decides": plan.is_decisive,
         "runs": runs,
         "gain": gain,
@@ -329,7 +330,7 @@ def planar_plan_document(
     }
     left_out = [{"run": run, "reason": reason} for run, reason in plan.left_out.items()]
     document = plan_document(plan.ranked, vehicle, command_file, "", warnings)
-    added = {"reason": plan.reason, "standard_errors": errors, "left_out": left_out, "picture": None}
+    added = {"standard_errors": errors, "left_out": left_out, "picture": None}
     return {"schema": document["schema"], **fits.AXES_DOCUMENT} | document | added
 
 

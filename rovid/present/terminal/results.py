@@ -187,6 +187,7 @@ def show_plan(
     run = plan.best.run
     where = f", in {written[0]}" if written else ""
     print_labelled(console, "Next:", f"{run.name}, {format_number(run.seconds / 60.0, '.1f')} min{where}")
+    print_labelled(console, "Reason:", f"{plan.reason}.")
     console.print()
     console.print(table)
     if not plan.is_decisive:
@@ -370,8 +371,7 @@ def show_planar_plan(
 ) -> None:
     """Print the best run, the candidates, the standard errors before and after, and the runs that were left out."""
     show_caution(console, study.vehicle.assumptions)
-    run, estimate = plan.ranked.best.run, plan.fit.estimate
-    print_labelled(console, "Next:", f"{run.name}, {run.seconds:.0f} s, because {plan.reason}.")
+    estimate = plan.fit.estimate
     show_plan(console, plan.ranked, files, Assumptions(), ())
     columns = map(mixed_number_column, ("by the logs", "with the best run"))
     table = ResultTable("Standard errors, as predicted", text_column("parameter"), *columns, text_column("unit"))

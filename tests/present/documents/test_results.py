@@ -46,7 +46,12 @@ def test_a_plan_lists_its_commands_beside_the_times_at_which_they_change_and_end
     run = CandidateRun(name="step", time=np.arange(5.0), commands=commands)
     worth = ExpectedInformation(run=run, gain=3.0, rates=np.zeros((1, 5)))
     found = ExperimentPlan(
-        models=(), parameter="inertia", runs=(worth,), thrusters=("fore", "aft"), disturbance_rate=0.0
+        models=(),
+        parameter="inertia",
+        runs=(worth,),
+        thrusters=("fore", "aft"),
+        disturbance_rate=0.0,
+        reason="it is asked for",
     )
     document = plan_document(
         found, Vehicle(name="v", thrusters=(), axis=AXES["heave"]), "plan.csv", "plan.png", ["a note"]
@@ -58,7 +63,7 @@ def test_a_plan_lists_its_commands_beside_the_times_at_which_they_change_and_end
         "aft": [1.0, 1.0, -1.0, 1.0],
     }
     assert document["runs"] == [{"run": "step", "seconds": 4.0, "gain": 3.0, "gain_per_minute": 45.0}]
-    assert (document["between"], document["narrow"]) == (None, "inertia")
+    assert (document["between"], document["narrow"], document["reason"]) == (None, "inertia", "it is asked for")
 
 
 AT_REST = Stability(
