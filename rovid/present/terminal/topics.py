@@ -1,7 +1,10 @@
 """Pages of `rovid help`: their list, their text, their print on a terminal, and the search for words."""
 
+import math
 import re
+from collections import Counter
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -118,7 +121,7 @@ def show_markdown(console: Console, text: str) -> None:
 def show_topics(console: Console) -> None:
     """Print the list of pages."""
     text = "`rovid help TOPIC` prints one of these pages, `rovid help COMMAND` the manual of a command, and "
-    print_text(console, f"{text}`rovid help WORDS` the passages with all these words.")
+    print_text(console, f"{text}`rovid help WORDS` the passages with most of these words.")
     console.print()
     effects, faults = catalogue_pages("effects"), catalogue_pages("faults")
     for caption, topics in (("Pages", TOPICS), ("Effects", effects), ("Faults of logs", faults)):
@@ -155,10 +158,10 @@ class _Page(Markdown):
 
 
 # Words of a question that no passage needs to hold.
-_COMMON = """a about an and are be can do does for from has have how i in is it long many me mean much my need of on or
-    must should the there to use what when where which who why will with would you"""
-# Most passages shown.
-_MOST = 4
+_COMMON = """a about an and are be can do does for from has have how i in is it long many me mean much my need no not of
+    on or must should the there to too use what when where which who why will with would you"""
+# Most passages shown, and the least share of the words, by their rarity, that a passage holds. Decisions.
+_MOST, _LEAST_SHARE = 4, 0.5
 # A paragraph, a row of a table, or an item of a list.
 _END_OF_BLOCK = re.compile(r"\n\s*\n|\n(?=\||\* |\d+\. )")
 _HEADING = re.compile(r"^(#.*\n)", re.MULTILINE)
@@ -174,14 +177,22 @@ class Passage(NamedTuple):
 
 
 def find_passages(words: str) -> list[Passage]:
-    """The passages with all ``words``, those with the words in their heading first."""
-    wanted = _stems(words) - _stems(_COMMON)
-    found = [one for one in _passages() if wanted and wanted <= _stems(f"{one.heading} {one.text}")]
-    return sorted(found, key=lambda one: [-len(wanted & _stems(part)) for part in one[1:]])[:_MOST]
+    """The passages that hold most of the ``words``: rare words count more, and those in a heading half as much again."""
+    passages = list(_passages())
+    heads = [_stems(f"{name} {one.heading}") for name, one in passages]
+    texts = [head | _stems(one.text) for head, (_, one) in zip(heads, passages, strict=True)]
+    counts = Counter(chain.from_iterable(texts))
+    weights = {word: math.log(len(texts) / max(counts[word], 1)) for word in _stems(words) - _stems(_COMMON)}
+    scores = []
+    for head, text in zip(heads, texts, strict=True):
+        held, stressed = (sum(weights[word] for word in weights.keys() & part) for part in (text, head))
+        scores.append(held + 0.5 * stressed if held >= _LEAST_SHARE * sum(weights.values()) else 0.0)
+    best = sorted(range(len(scores)), key=lambda place: -scores[place])[:_MOST]
+    return [passages[place][1] for place in best if scores[place] > 0.0]
 
 
 def show_page_or_passages(console: Console, topic: str) -> None:
-    """Print a page, or the passages that hold all words; ConfigError without either."""
+    """Print a page, or the passages that hold most words; ConfigError without either."""
     try:
         show_markdown(console, topic_text(topic))
         return
@@ -197,19 +208,20 @@ def show_page_or_passages(console: Console, topic: str) -> None:
     print_text(console, "`rovid help` lists the pages." if " " in topic else nearest)
 
 
-def _passages() -> Iterator[Passage]:
+def _passages() -> Iterator[tuple[str, Passage]]:
+    """Name and title of a page, and each of its passages."""
     for topic in topic_names():
-        heading = ""
+        heading, name = "", f"{topic.replace('_', ' ')} {topic_title(topic)}"
         for block in _END_OF_BLOCK.split(_HEADING.sub(r"\1\n", _CODE.sub("", topic_text(topic)))):
             if block.startswith("#"):
                 heading = block.strip("# ")
             elif block.startswith("|"):
                 cells = [cell.strip() for cell in block.strip("| ").split("|")]
-                yield Passage(topic, heading, ": ".join(filter(None, cells)))
-            else:
-                yield Passage(topic, heading, block.removeprefix("* "))
+                yield name, Passage(topic, heading, ": ".join(filter(None, cells)))
+            elif block.strip():
+                yield name, Passage(topic, heading, block.removeprefix("* "))
 
 
 def _stems(text: str) -> set[str]:
-    """The words of ``text`` in lower case, without the s of a plural."""
-    return {word.removesuffix("s") if len(word) > 3 else word for word in re.findall(r"[^\W_]+", text.lower())}
+    """The words of ``text`` in lower case, without the ending of a plural or of a verb."""
+    return {re.sub(r"(?<=...)(ing|ed|es|s|e)$", "", word) for word in re.findall(r"[^\W_]+", text.lower())}

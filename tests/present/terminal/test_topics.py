@@ -60,9 +60,16 @@ def test_what_is_called_otherwise_is_found(asked: str, nearest: str) -> None:
         ("what is the noise floor", "What is the noise floor?"),
         ("confirmed likely possible", "What do confirmed, likely, possible and cannot tell mean?"),
         ("what does likely mean", "What do confirmed, likely, possible and cannot tell mean?"),
-        ("ROS 1 bag", "Does rovid read my log format?"),
+        ("ROS 1 bag", "ROS bags: `.bag` and `.db3`"),
         ("dataflash", "Logs: formats, conversion, recordings of simulations"),
         ("buoyancy gazebo", "In your own Gazebo world"),
+        # No passage holds all of these words.
+        ("length of a hold", "How long should a hold be?"),
+        ("why is my inertia too high", "Why is the inertia or the drag too high, or too low?"),
+        ("how many runs do I need", "Which runs do I need, and how many?"),
+        ("wrong column name", "Further questions"),
+        ("thrust curve unknown", "Thrust curve"),
+        ("does it work without internet", "Is anything sent over the network?"),
     ],
 )
 def test_words_of_a_question_find_the_passage(words: str, heading: str, rovid: Rovid) -> None:
