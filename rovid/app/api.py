@@ -17,7 +17,7 @@ from rovid.core.input_files import read_toml, require_exists
 from rovid.core.output_files import OutputFile, OutputSet
 from rovid.preflight.check import check_logs
 from rovid.preflight.config_writer import config_files
-from rovid.preflight.log_reading import LogsRead, is_thrust_curve, log_files, read_columns, read_logs
+from rovid.preflight.log_reading import LogsRead, is_thrust_curve, log_files, read_columns, read_logs, resolve_source
 from rovid.preflight.log_survey import LogSurvey, SurveyOptions, config_output, survey_read_logs
 from rovid.preflight.planar_check import PlanarCheck, check_planar
 from rovid.preflight.raw_columns import RawColumn
@@ -215,7 +215,13 @@ class Api:
                 self._logs_read[key] = read_logs(paths, time_unit=form.time_unit)
             own = SurveyOptions(vehicle=form.vehicle, interactive=True, planar=form.planar)
             guessed = self._cached_survey(key, own)
-            headings, commands = form.changes(guessed)
+            # The check names the columns of a rovid.toml that no log has.
+            logs = self._logs_read[key].logs.values()
+            present = sorted(set().union(*(log for group in logs for log in group)))
+            known = (
+                [one for one in group if resolve_source(one, present) in present] for group in form.changes(guessed)
+            )
+            headings, commands = map(tuple, known)
             options = replace(own, headings=headings, commands=commands)
             # This survey also determines the sign of the chosen columns, which takes time.
             self._cached_survey(key, options)

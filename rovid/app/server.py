@@ -40,9 +40,10 @@ _SHARED = {
     "uPlot.min.css": _REPORT / "assets" / "uplot" / "uPlot.min.css",
     "uPlot.min.js": _REPORT / "assets" / "uplot" / "uPlot.iife.min.js",
 }
-# A report runs in a sandbox without an origin. Its own policy admits its scripts by their hashes.
+# A report is shown in a sandbox without an origin. Its only script is that of this rovid: a policy does not keep other
+# scripts from sending data by WebRTC.
 _REPORT_POLICY = (
-    "sandbox allow-scripts; default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
+    "sandbox allow-scripts; default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {}; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
 
@@ -188,7 +189,9 @@ class _Handlers:
         page = self.reports.get(request.path_params["key"])
         if page is None or self.report_key(page) is None:
             return Response(status_code=404)
-        headers = {"content-security-policy": _REPORT_POLICY}
+        from rovid.present.page.page_files import read_assets
+
+        headers = {"content-security-policy": _REPORT_POLICY.format(read_assets().script_source)}
         return FileResponse(page, media_type="text/html; charset=utf-8", headers=headers)
 
 

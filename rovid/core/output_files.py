@@ -236,7 +236,7 @@ class OutputSet:
         if any(path.samefile(target) for path in protected):
             raise OutputError("is an input of this command and is never replaced.", where=output.path, mend=_OTHER_NAME)
         if not os.access(target, os.W_OK):
-            mend = "Make it writable, or name another file by -o or -p, where the command has them."
+            mend = "Make it writable, or name another file on the command line, by -o or -p."
             raise OutputError("is write-protected.", where=output.path, mend=mend)
         if status.st_size and not (matches and signature.replaceable) and not self._force:
             text = f"already exists, and is not {signature.description}."
@@ -259,8 +259,5 @@ def _fallback_folders() -> Iterator[Path]:
 
 
 def _not_written(path: Path, error: OSError) -> OutputError:
-    reason = error.strerror or error
-    mend = (
-        "Make the folder writable, or write elsewhere: by -o or -p, where the command has them, or from another folder."
-    )
-    return OutputError(f"cannot be written ({reason}).", where=path, mend=mend)
+    mend = "Make the folder writable, or write elsewhere: on the command line by -o or -p, or from another folder."
+    return OutputError(f"cannot be written ({error.strerror or error}).", where=path, mend=mend)

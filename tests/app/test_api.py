@@ -158,9 +158,11 @@ def test_a_wrong_column_is_reported(tmp_path: Path) -> None:
     checked = desk(tmp_path).check(wrong)
     assert checked["verdict"] == "no_go"
     away = chosen()
-    away["signals"]["csv"]["heading"]["source"] = "no_such_column"
-    with pytest.raises(RovidError, match="no log has a column 'no_such_column'"):
-        desk(tmp_path).check(away)
+    away["signals"]["csv"]["heading"]["source"] = "heading_degs"
+    away["commands"]["csv"][0]["source"] = "fore_W"
+    assert desk(tmp_path).draft(away)["survey"]["open"] == []
+    (task,) = desk(tmp_path).check(away)["tasks"]
+    assert "has no column 'heading_degs', which rovid.toml maps to heading. Nearest: 'heading_deg'." in task
     rad = chosen()
     rad["signals"]["csv"]["heading"]["unit"] = "furlong"
     checked = desk(tmp_path).check(rad)

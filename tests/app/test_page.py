@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import http.server
-import json
 import re
 import shutil
 import threading
@@ -185,6 +184,7 @@ def run(page: Page) -> None:
     headline(page, "Done: here is the report", _PATIENCE)
     report = page.frame_locator("#report-frame")
     report.locator("#summary-title").wait_for()
+    report.locator("canvas").first.wait_for()  # its own script runs
     # The report scrolls, the page around it does not.
     assert page.evaluate("document.documentElement.scrollHeight <= innerHeight")
     assert page.locator("#report-frame").get_attribute("sandbox") == "allow-scripts"
@@ -400,56 +400,53 @@ def test_a_page_of_another_port_gets_no_answer(browser: Browser, server: Served,
     page.close()
 
 
-# Everything that a page can find out about where it is shown, and the ways out of a frame.
+# Everything by which a page may run a script, send a request, or lead to another address without a click.
 _SPY = """<!doctype html>
 <meta name="generator" content="rovid 1.0">
-<body><p id="found"></p><script>
-const ways = {
-  href: () => location.href, referrer: () => document.referrer, base: () => document.baseURI, origin: () => origin,
-  ancestors: () => [...location.ancestorOrigins].join(), cookie: () => document.cookie,
-  parent: () => parent === self || parent.location.href, opener: () => String(opener && opener.location.href),
-  storage: () => localStorage.length, entries: () => JSON.stringify(performance.getEntries()),
-  history: () => navigation.entries().map(({ url }) => url).join(),
-  api: async () => (await fetch("/api/start")).status, popup: () => String(open("EVIL?popup")),
-  image: () => { new Image().src = "EVIL?image"; }, beacon: () => { navigator.sendBeacon("EVIL?beacon", "x"); },
-  top: () => { if (parent !== self) top.location = "EVIL?top"; },
-};
-(async () => {
-  const found = {};
-  for (const [name, act] of Object.entries(ways)) {
-    try { found[name] = String(await act()); } catch (error) { found[name] = `refused: ${error.name}`; }
-  }
-  document.getElementById("found").textContent = JSON.stringify(found);
-})();
-document.addEventListener("click", () => { location = "EVIL?self"; });
-</script>"""
+<link rel="prefetch" href="EVIL?prefetch"><link rel="preconnect" href="EVIL"><link rel="stylesheet" href="EVIL?style">
+<link rel="modulepreload" href="EVIL?module"><link rel="manifest" href="EVIL?manifest"><base href="EVIL">
+<style>@import "EVIL?import"; body {background: url(EVIL?picture)}</style>
+<body id="body" onload="document.body.append('ran')">
+<img src="EVIL?image"><img src="x" onerror="document.body.append('ran')"><video src="EVIL?video" autoplay></video>
+<object data="EVIL?object"></object><embed src="EVIL?embed"><iframe src="EVIL?frame"></iframe>
+<iframe srcdoc="<script>parent.document.body.append('ran')</script><img src='EVIL?inner'>"></iframe>
+<svg><image href="EVIL?drawing"/></svg><a id="out" href="EVIL?link" target="_top" ping="EVIL?ping">out</a>
+<a id="script" href="javascript:document.body.append('ran')">script</a>
+<form action="EVIL?form" target="_top" method="post"><button id="form">send</button></form>
+<script>document.body.append("ran")</script><script src="EVIL?script"></script>
+<script>
+const iceServers = [{urls: "turn:TURN?transport=tcp", username: "a", credential: "b"}];
+const peer = new RTCPeerConnection({iceServers});
+peer.createDataChannel("x"); peer.createOffer().then((offer) => peer.setLocalDescription(offer))</script>"""
 
 
-def test_a_report_from_elsewhere_learns_nothing_and_cannot_leave(browser: Browser, tmp_path: Path, evil: str) -> None:
-    """A report is foreign content: it sees neither the token nor the page, in the frame and in a tab of its own."""
+def test_a_report_from_elsewhere_runs_no_script_and_sends_no_request(
+    browser: Browser, tmp_path: Path, evil: str
+) -> None:
+    """A report is foreign content: no script of it runs, in the frame and in a tab of its own, and nothing is sent."""
     top = tmp_path / "top"
     logs_into(top / "day")
     (top / "day" / "report").mkdir()
-    (top / "day" / "report" / "index.html").write_text(_SPY.replace("EVIL", evil))
+    page_of_evil = _SPY.replace("EVIL", evil).replace("TURN", urlsplit(evil).netloc)
+    (top / "day" / "report" / "index.html").write_text(page_of_evil)
     with served(top, "day") as server:
         page = browser.new_page()
         page.goto(server.address)
         headline(page, "Go")
         show_step(page, "result")
         frame = page.frame_locator("#report-frame")
-        found = [json.loads(frame.locator("#found", has_text="top").inner_text(timeout=_QUICK))]
+        frame.locator("#out").wait_for()
         with page.context.expect_page() as opened_tab:
             page.get_by_role("link", name="Open the report").click()
         tab = opened_tab.value
-        found.append(json.loads(tab.locator("#found", has_text="top").inner_text(timeout=_QUICK)))
-        frame.locator("#found").click()
+        tab.locator("#out").wait_for()
+        for one in (frame, tab):
+            for way in ("script", "form"):
+                one.locator(f"#{way}").click()
+            assert "ran" not in one.locator("#body").inner_text()
+        frame.locator("#out").click()
         page.wait_for_timeout(300)
         assert page.url == server.address
-        for one in found:
-            assert server.token not in json.dumps(one)
-            assert one["href"].startswith(f"http://127.0.0.1:{server.port}/report/")
-            assert {one[way].partition(":")[0] for way in ("api", "cookie", "storage")} == {"refused"}
-            assert (one["origin"], one["referrer"], one["popup"]) == ("null", "", "null")
-        assert found[0]["parent"].startswith("refused")
+        assert server.token not in tab.url
         page.context.close()
     assert _Evil.visits == []

@@ -37,6 +37,7 @@ def test_the_report_is_served_in_a_sandbox(diagnosed: tuple[Served, Path]) -> No
     assert report.body == (top / "day" / "report" / "index.html").read_bytes()
     policy = {name.lower(): value for name, value in report.headers.items()}["content-security-policy"]
     assert policy.startswith("sandbox allow-scripts;")
+    assert "script-src 'sha256-" in policy
     assert "default-src 'none'" in policy
     # Later requests find the report at once. It is shown at no address with the token.
     assert server.get("api/look", ("log", "day")).document["report"] == key

@@ -225,7 +225,7 @@ def require_same_vehicle(folder: Path, name: str) -> None:
         title = _TITLE.search(file.read(_HEAD))
     before = unescape(title[1]) if title else name
     if before != name:
-        mend = f"Keep both with another folder, as -o {folder}_2, or replace it with --force."
+        mend = f"On the command line, keep both with another folder, as -o {folder}_2, or replace it with --force."
         text = f"is the report of another vehicle, {display_text(before, NAME_LENGTH)!r}."
         raise OutputError(text, where=page, mend=mend)
 
