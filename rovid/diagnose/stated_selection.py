@@ -96,9 +96,9 @@ def _state(selection: Selection, plain: LikelihoodFit | None) -> StatedSelection
         estimate = estimate.with_thrust_scale_uncertainty(model.thrust_scale_uncertainty)
     else:
         estimate = replace(base_estimate, covariance=base_estimate.covariance + by_dropped)
-    return StatedSelection(
-        selection, causes, suspected, average_over_suspects(estimate, suspected), base_estimate, plain
-    )
+    estimate = average_over_suspects(estimate, suspected)
+    # Without effects both models are one, and it has one estimate.
+    return StatedSelection(selection, causes, suspected, estimate, base_estimate if model.effects else estimate, plain)
 
 
 def model_estimate(fitted: FitResult, *, white: bool) -> Estimate:
