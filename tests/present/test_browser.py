@@ -189,7 +189,7 @@ def test_arrows_change_the_trial(tab: Tab) -> None:
     tab.until("document.getElementById('viewer-trial').selectedIndex === 2")
     # The trials stand in the order of their errors, so that which is which is asked.
     shown = tab.ask("document.getElementById('viewer-trial').selectedOptions[0].textContent")
-    length = 59.95 if shown.startswith("c.csv") else 39.95  # the sine, or a hold
+    length = 59.95 if shown.endswith("c.csv") else 39.95  # the sine, or a hold
     assert view(tab)[1] == pytest.approx(length, abs=0.06)
     assert whole[0] == 0.0
 
@@ -283,7 +283,7 @@ def test_the_switches_are_switches_for_keys_and_readers(tab: Tab) -> None:
 @in_browser
 def test_names_from_logs_make_no_elements(tab: Tab) -> None:
     names = tab.ask("[...document.querySelectorAll('#viewer-trial option')].map((each) => each.textContent)")
-    assert sum(name.startswith(f"{NASTY}: ") for name in names) == 1
+    assert sum(name.endswith(f" rad/s: {NASTY}") for name in names) == 1  # the error first
     assert tab.ask("[...document.querySelectorAll('b')].filter((each) => each.textContent === 'x').length") == 0
 
 
@@ -303,6 +303,9 @@ def test_dark_and_narrow_and_print(tab: Tab) -> None:
         assert tab.ask("document.documentElement.scrollWidth") <= 320
         tab.call("Emulation.setEmulatedMedia", media="print")
         assert tab.ask("getComputedStyle(document.getElementById('viewer-root')).display") == "none"
+        # A title is not the last line of a sheet.
+        folded = "[...document.querySelectorAll('h2, details.section > summary')]"
+        assert tab.ask(f"{folded}.every((each) => getComputedStyle(each).breakAfter === 'avoid')")
     finally:
         tab.call("Emulation.setEmulatedMedia", media="", features=[])
         tab.call("Emulation.clearDeviceMetricsOverride")

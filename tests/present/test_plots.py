@@ -103,6 +103,14 @@ def test_in_one_column_no_legend_covers_a_panel_or_its_title(day: ReportData) ->
             assert box.y0 > max(tops) - 1.0
 
 
+def test_the_legend_of_the_first_screen_fits_a_telephone(day: ReportData) -> None:
+    before, after = day.simulations[0], replace(day.simulations[0])
+    figure = trials.plot_before_after(before, after, width=3.9, rows=(0.75, 0.45))
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["measured", "plain model", "extended model"]
+    assert legend.get_window_extent().x1 <= figure.bbox.width
+
+
 def test_names_of_trials_stand_above_the_lines(day: ReportData) -> None:
     assert day.runs is not None
     items = residual_torques(day.runs.items, day.parameters.model(), day.vehicle)

@@ -123,7 +123,7 @@ export class Plots {
     return {
       width: target.clientWidth,
       height: HEIGHT,
-      padding: [6, 10, 0, 0],
+      padding: [6, 24, 0, 0], // half of a label at the right edge
       legend: { show: false },
       scales: {
         x: { time: false, min, max, auto: false },

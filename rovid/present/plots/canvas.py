@@ -164,10 +164,10 @@ def panel_sheet(count: int, columns: int, height: float, **margins: Any) -> tupl
 
 
 def legend_above(figure: Figure, handles: Sequence[Any], labels: Sequence[str], columns: int, **where: Any) -> None:
-    """A legend above all panels, at the upper right or at ``where``; in a narrow figure with fewer columns."""
+    """A legend above all panels, at the upper right or at ``where``; in a narrow journal with fewer columns."""
     place: dict[str, Any] = {"loc": "upper right", "borderaxespad": 0.1} | where
     legend = figure.legend(handles, labels, ncols=columns, **place)
-    if _journal.get() is None and legend.get_window_extent().width <= figure.bbox.width:
+    if _journal.get() is None:
         return
     while columns > 1 and legend.get_window_extent().width > figure.bbox.width:
         columns -= 1

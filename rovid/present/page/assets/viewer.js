@@ -169,7 +169,10 @@
     trials.forEach((each, k) => {
       const [before, now] = [each.missed[0][RATE], each.missed[on][RATE]].map((one) => rounded(one, measures[RATE]));
       const pair = on === 0 ? now : `${before} → ${now}`;
-      list.options[k].textContent = `${each.name}: ${pair} ${measures[RATE].unit}`;
+      // The list is narrow: the error first, and of a long name the end, which distinguishes logs.
+      const name = each.name.length > 24 ? `…${each.name.slice(-23)}` : each.name;
+      list.options[k].textContent = `${pair} ${measures[RATE].unit}: ${name}`;
+      list.options[k].title = each.name;
     });
   }
 
