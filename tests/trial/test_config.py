@@ -157,7 +157,7 @@ def test_the_nearest_file_at_or_above_the_logs_is_taken(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("gone", "no such file or folder"), ("empty", "holds no logs: .* Put the logs into"), ("day", "no rovid.toml here")],
+    [("gone", "no such file or folder"), ("empty", "holds no logs: .* Put the logs"), ("day", "no rovid.toml here")],
 )
 def test_missing_logs_and_a_missing_file_are_told_apart(name: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()

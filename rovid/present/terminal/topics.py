@@ -177,7 +177,7 @@ class Passage(NamedTuple):
 
 
 def find_passages(words: str) -> list[Passage]:
-    """The passages that hold most of the ``words``: rare words count more, and those in a heading half as much again."""
+    """The passages that hold most of the ``words``. Rare words count more, words of a heading half as much again."""
     passages = list(_passages())
     heads = [_stems(f"{name} {one.heading}") for name, one in passages]
     texts = [head | _stems(one.text) for head, (_, one) in zip(heads, passages, strict=True)]
