@@ -12,7 +12,7 @@ from typing import Any
 
 from rovid.app import form_state
 from rovid.app.access import RootFolder
-from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
+from rovid.core.errors import ConfigError, OutputError, RovidError
 from rovid.core.input_files import read_toml, require_exists
 from rovid.core.output_files import OutputFile, OutputSet
 from rovid.preflight.check import check_logs
@@ -26,6 +26,7 @@ from rovid.present.terminal.check import VERDICTS, check_notes, check_tasks
 from rovid.readers.formats import READERS
 from rovid.trial.axis import PLANAR, SIGNAL_UNITS, YAW, parameter_file_name
 from rovid.trial.config import FILE_NAME, load_config
+from rovid.trial.log_files import nothing_to_read
 from rovid.trial.vehicle_presets import load_preset, preset_names
 
 Document = dict[str, Any]
@@ -56,9 +57,7 @@ class Api:
         folder = config_folder(paths)
         files = [file for file in log_files(paths, []) if not is_thrust_curve(file)]
         if not files:
-            empty = folder.is_dir() and not any(folder.iterdir())
-            mend = f"Choose a folder with {', '.join(READERS)}, or drop logs on the page."
-            raise DataError("is empty." if empty else "holds no logs.", where=folder, mend=mend)
+            raise nothing_to_read([folder])
         config = self.config_file(paths)
         text = None if config is None else _read_text(config)
         own = text is not None and self.foreign_config(paths) is None

@@ -108,7 +108,8 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         horizons=_horizon_errors(selection),
         signals=signals,
         unexplained_share=disturbance**2 / (disturbance**2 + selection.data.rms_torque**2),
-        noise_floor=rate_floor(model),
+        # Longer predictions were used because one-step ones do not determine the disturbance.
+        noise_floor=math.nan if selection.multi_step else rate_floor(model),
         position_floors={} if selection.multi_step else {at: position_floor(model, at) for at in HORIZON_SECONDS},
         nested_models=_nested_models(selection, stated.causes),
         detectable=tuple(sizes),

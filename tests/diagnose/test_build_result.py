@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import replace
 from types import SimpleNamespace
@@ -140,6 +141,8 @@ def test_a_cause_that_the_stated_errors_leave_open_is_a_suspect(
     assert told.findings == ()
     assert [one.effect.id for one in told.suspects] == ["bias_torque"]
     assert told.suspects[0].probability <= THRESHOLDS.max_suspect_probability
+    # One-step predictions do not determine the disturbance here, and so no floor under it.
+    assert (math.isnan(told.noise_floor), told.position_floors) == (True, {})
     assert told.extended is not None
     assert told.extended.model.effects == ()
     assert "bias_torque.torque" not in told.extended.estimate.names

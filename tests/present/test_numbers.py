@@ -84,7 +84,7 @@ def check_diagnosis(document: Document, terminal: str, page: str, stored: Docume
     sides = ("base", "extended", "noise_floor") if document["findings"] else ("base", "noise_floor")
     errors = []
     for key, each in gain.items():
-        if key.endswith(("_rmse", "_error_10s", "_error_60s")):
+        if key.endswith(("_rmse", "_error_10s", "_error_60s")) and each["base"] is not None:
             factor = math.degrees(1.0) if each["unit"] == "rad" else 1.0
             errors.append(rounded_errors([each[side] and factor * each[side] for side in sides]))
     for row in errors:

@@ -98,6 +98,8 @@ def held_out_table(diagnosis: Diagnosis, base: ModelAssessment, extended: ModelA
     *rates, floor = rounded_errors((one.rate_rmse, other.rate_rmse, diagnosis.noise_floor))
     rows = [(f"{axis.rate_words} RMSE, {axis.rate_unit}", rates, floor)]
     for horizon, error in one.position_errors.items():
+        if error is None:
+            continue  # no trial is as long
         known = (error, other.position_errors.get(horizon), diagnosis.position_floors.get(horizon))
         *errors, floor = rounded_errors(list(map(axis.to_display, known)))
         rows.append((f"{axis.position_words} after {horizon:.0f} s, {axis.display_unit[0]}", errors, floor))

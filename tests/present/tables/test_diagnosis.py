@@ -250,3 +250,13 @@ def test_a_change_is_given_in_percent_where_there_is_one(lagged: ReportData) -> 
     change = {column.title: column for column in diagnosis.models_table(base, doubled).columns}["change"]
     assert change.cells[0].startswith("+100.0")
     assert {column.title: column for column in diagnosis.models_table(vague, base).columns}["change"].cells[0] == "–"
+
+
+def test_a_horizon_that_no_trial_reaches_has_no_row(lagged: ReportData) -> None:
+    told = lagged.diagnosis
+    assert told is not None
+    assert told.base is not None
+    assert told.extended is not None
+    held_out = replace(told.base.held_out, position_errors={10.0: 0.1, 60.0: None})
+    table = diagnosis.held_out_table(told, replace(told.base, held_out=held_out), told.extended)
+    assert [row[0][1] for row in table.rows][1:3] == ["heading after 10 s, deg", "yaw rate R²"]
