@@ -112,9 +112,9 @@ def test_a_diagnosis_reads_the_same_everywhere(lagged: ReportData, lagged_folder
 
 
 def parameter_of(stored: Document, name: str) -> Document:
-    """An entry of a parameter file; the form of an effect stands between its id and the parameter there."""
-    found: Document = next(one for key, one in stored["parameters"].items() if re.sub(r":\w+", "", key) == name)
-    return found
+    """An entry of a parameter file; ``name`` with or without the form of its effect, which the file has."""
+    entries: Document = {re.sub(r":\w+", "", key): one for key, one in stored["parameters"].items()}
+    return dict(entries[re.sub(r":\w+", "", name)])
 
 
 def check_commands(rovid: Rovid, logs: Path, file: Path, along: tuple[object, ...], diagnosed: Document) -> None:
