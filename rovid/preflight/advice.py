@@ -224,10 +224,10 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         reversals = np.count_nonzero(np.diff(np.sign(torque[torque != 0.0])))
         possible += len(parts) > _MANY_PARTS and bool(reversals >= 2 * _CYCLES)
     if periods + possible < _SINES:
-        longest = "that of its own swing" if axis.self_righting else "ten vehicle time constants long"
+        longest = "that of its own swing" if axis.self_righting else "ten vehicle time constants"
         text = (
-            f"Run sines of {_SINES} periods or more, about {longest} and shorter, each for {_CYCLES} cycles: you have "
-            f"{'one' if periods else 'none'}. Inertia, lag and memory of the water depend on them."
+            f"Run sines of {_SINES} or more different periods, the longest about {longest}, each for {_CYCLES} cycles: "
+            f"you have {'one' if periods else 'none'}. Inertia, lag and memory of the water depend on them."
         )
         yield Advice(kind="sines", text=text)
     # A self-righting vehicle may be released at the beginning of a run.

@@ -157,7 +157,7 @@ def test_a_complete_campaign_gets_no_advice(csv_day: Path, rovid: Rovid) -> None
     ("gone", "kind", "said"),
     [
         ("hold_*.csv", "holds", "Hold the command at 4 levels or more each way"),
-        ("sine_*.csv", "sines", "Run sines of 2 periods or more"),
+        ("sine_*.csv", "sines", "Run sines of 2 or more different periods"),
         ("*_only.csv", "one_thruster", "Run each thruster by itself"),
         ("coast_*.csv", "coast", "Stop the thrusters under way"),
     ],

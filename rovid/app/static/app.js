@@ -445,8 +445,8 @@ function showThrusters() {
 }
 
 const RUDDER_SIZES = {
-  coefficient: { words: "Its coefficient, N m s²/(m² rad)", why: "is not in the logs. Without it inertia and drag have an unknown common scale; times and ratios are valid." },
-  wheelbase: { words: "Its wheelbase, m", why: "is estimated from these logs. Enter the measured wheelbase." },
+  coefficient: { words: "Its coefficient, N m s²/(m² rad)", why: "is not in the logs. Without it inertia and drag have an unknown common scale; times and ratios are valid. Enter it in N m s²/(m² rad):" },
+  wheelbase: { words: "Its wheelbase, m", why: "is estimated from these logs. Enter the measured wheelbase in m:" },
 };
 const allRudders = () => (theirs() ? [] : Object.values(draft?.survey.rudders ?? {}).flat());
 
@@ -824,7 +824,9 @@ const roleField = (source) => [...document.querySelectorAll("#rows select")].fin
 
 // A line of advice with a link to its field.
 function advice(text, target = targetOf(text), field = null) {
-  const item = element("li", `${text} `);
+  const item = element("li");
+  text.split("`").forEach((part, k) => (k % 2 ? element("code", part, item) : item.append(part)));
+  item.append(" ");
   if (field) item.append(field(), " ");
   if (target) {
     const link = element("button", target.words ? `Go to ${target.words}` : "Go there", item, { type: "button", class: "link" });

@@ -225,9 +225,10 @@ def plot_before_after(
     for panel, height in zip((rate, position), rows, strict=True):
         panel.locator_params(axis="y", nbins=max(round(3.0 * height), 3))
     position.set(xlabel="time, s", xlim=(trial.time[0], trial.time[-1]))
-    tight = {"handlelength": 1.3, "columnspacing": 1.0}  # one row on a telephone
-    place = {"loc": "upper left", "bbox_to_anchor": (0.0, 1.0), **tight}
-    canvas.legend_above(figure, *rate.get_legend_handles_labels(), 3, **place)
+    handles, labels = rate.get_legend_handles_labels()
+    where: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, 1.0)}
+    # One row on a telephone.
+    canvas.legend_above(figure, handles, labels, 3, handlelength=1.3, columnspacing=1.0, **where)
     return figure
 
 
