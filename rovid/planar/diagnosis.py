@@ -7,7 +7,6 @@ the search goes on without it. Thresholds are those of `rovid.diagnose.threshold
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,7 +24,7 @@ from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import add_effect, planar_candidates, with_hull_lift
 from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined, with_latencies
-from rovid.planar.free_runs import better_simulating, fit_free_runs
+from rovid.planar.free_runs import better_simulating, fit_free_runs, misses_much
 from rovid.planar.held_out import Gate, Parts, PlanarScores, noise_floors
 from rovid.planar.model import AXIS_NAMES
 from rovid.planar.optimum import PlanarOptimum, coordinates_without
@@ -40,9 +39,8 @@ _FORMLESS = (
 _WIND = "If the vehicle was at the surface, a steady wind may act like the current: compare with the wind of that time."
 _DISAGREED = "Free-running simulations favour {}, the likelihood of the innovations {}: neither is established."
 _OUTWEIGHED = "{} explains these logs better, also held-out ones, but failed a test: {} is not established."
-# Least share of the best predicted gain for which a current is tried first without rudders; score tests are good to a
-# factor of a few.
-# Nats by which the model that was fitted in the current has to be likelier to take the place of the other.
+# Least share of the best predicted gain for which a current is tried first without rudders: score tests are good to a
+# factor of a few. Nats by which the model that was fitted in the current has to be likelier than the other.
 _LEAST_SHARE, _BETTER = 0.1, 10.0
 # Probability that either of two criteria is right that name different causes. A decision.
 _ONE_OF_TWO = 0.5
@@ -88,8 +86,7 @@ def diagnose_planar(
     if missing := _too_short(data, parts, base):
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
     search = _in_current(_search(data, base, own))
-    if search.base is not base:
-        base, parts = search.base, Parts(data, search.base)
+    base, parts = search.base, Parts(data, search.base)
     model = _selected(search)
     likelier: list[Finding] = []
     simulating = better_simulating(model, data)
@@ -122,7 +119,7 @@ def _selected(search: PlanarSearch) -> PlanarOptimum:
 
 
 def _in_current(search: PlanarSearch) -> PlanarSearch:
-    """The search from the model in the current that shows next to its base; the same ``search`` if that is no better.
+    """The search from the model in the current that shows, or the same ``search`` if that is no better.
 
     A current hides which forces of hull and rudder the runs show. Where positions alone measure the speeds, a fit
     without it may also end at inertias from which no step leads to those in the current: that fit begins anew.
@@ -135,21 +132,20 @@ def _in_current(search: PlanarSearch) -> PlanarSearch:
     share = 1.0 if data.actuators.rudders else _LEAST_SHARE
     if test is None or currents[0].gain < max(search.threshold, share * tests[0].gain):
         return search
-    current = test.effect
     search.budget.report("Fitting the model in the current …")
-    moved = add_effect(fit_base(data, with_current=True), current, data)
+    moved = add_effect(fit_base(data, with_current=True), test.effect, data)
     moved = with_latencies(with_hull_lift(moved, data), data)
-    coordinates, x, _ = coordinates_without(moved, current)
+    coordinates, x, _ = coordinates_without(moved, test.effect)
     still = PlanarOptimum.fit(moved.likelihood.with_coordinates(coordinates), coordinates.projected(x))
     if still.model.names == base.model.names:
         if moved.value > search.polish(search.extended(base, test)).value - _BETTER:
             return search
-        with suppress(DataError):  # The filter may diverge with the sizes of the other model.
-            other = PlanarOptimum.fit(still.likelihood, coordinates.projected(base.x))
-            still = min((still, other), key=lambda one: one.value)
+        other = PlanarOptimum.fit(still.likelihood, coordinates.projected(base.x))
+        still = min((still, other), key=lambda one: one.value)
     found = _search(data, still, search.budget)
-    own = np.insert(x, coordinates.noise_begin, moved.x[moved.place(current)])
-    found.remember(PlanarOptimum(moved.likelihood.with_coordinates(coordinates.with_effect(current)), own, moved.value))
+    likelihood = moved.likelihood.with_coordinates(coordinates.with_effect(test.effect))
+    own = np.insert(x, coordinates.noise_begin, moved.x[moved.place(test.effect)])
+    found.remember(PlanarOptimum(likelihood, own, moved.value))
     return found
 
 
@@ -245,8 +241,7 @@ def _result(
     """
     search, data = gate.search, gate.search.data
     late = bool(search.budget.not_tried)
-    # Where the base model is not exact, a coupling of another form may fit as well as the true one.
-    formless = [one for one in tested if model.is_multi_step and isinstance(one.effect.acts, Coupling)]
+    formless = _formless(model, data, tested)
     apart, others = _contradicted(tested, likelier), " and ".join(one.effect.title for one in likelier)
     outweighed = _outweighed(tested, [one for one, _ in rejected])
     messages = [
@@ -338,6 +333,12 @@ def _fitted_to_all_readings(
     return found, model, complete, messages
 
 
+def _formless(model: PlanarOptimum, data: PlanarData, tested: Sequence[Finding]) -> list[Finding]:
+    """Couplings in a model that misses much: one of another form may fit as well as the true one."""
+    found = [one for one in tested if isinstance(one.effect.acts, Coupling)]
+    return found if found and (model.is_multi_step or misses_much(model, data)) else []
+
+
 def _contradicted(tested: Sequence[Finding], likelier: Sequence[Finding]) -> list[Finding]:
     """Causes by free-running simulations that contradict the likelihood.
 
@@ -377,9 +378,8 @@ def _further(search: PlanarSearch, gate: Gate, model: PlanarOptimum, known: Coll
         probability = min(one.probability, THRESHOLDS.max_suspect_probability)
         if probability < THRESHOLDS.possible or one.standard_errors < THRESHOLDS.min_standard_errors_suspect:
             continue
-        if one.held_out_gain <= THRESHOLDS.min_held_out_gain or _is_at_bound(fitted, effect):
-            continue
-        if max(growths.values()) > THRESHOLDS.held_out_growth:
+        is_worse = max(growths.values()) > THRESHOLDS.held_out_growth
+        if one.held_out_gain <= THRESHOLDS.min_held_out_gain or is_worse or _is_at_bound(fitted, effect):
             continue
         estimate = planar_result(search.data, fitted).estimate.only(effect.parameter_names)
         found.append(replace(one, estimate=estimate, probability=probability))

@@ -15,7 +15,15 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations, Jacobian
 from rovid.planar.dataset import PlanarData, planar_data
-from rovid.planar.diagnosis import _agreeing, _contradicted, _in_current, _outweighed, _search, diagnose_planar
+from rovid.planar.diagnosis import (
+    _agreeing,
+    _contradicted,
+    _formless,
+    _in_current,
+    _outweighed,
+    _search,
+    diagnose_planar,
+)
 from rovid.planar.fit import fit_base
 from rovid.planar.held_out import Gate, HeldOut
 from rovid.planar.optimum import Linearisation, PlanarOptimum
@@ -182,6 +190,26 @@ def test_a_cause_is_contradicted_where_the_likelihood_names_another() -> None:
     assert _contradicted([lag, hysteresis], [named("command_delay")]) == [hysteresis]
     # Without a cause by the likelihood, nothing contradicts.
     assert _contradicted([lag, hysteresis], []) == []
+
+
+@pytest.mark.parametrize(
+    ("key", "multi_step", "misses", "expected"),
+    [
+        ("sway_yaw_damping", False, True, True),
+        ("sway_yaw_damping", True, False, True),
+        ("sway_yaw_damping", False, False, False),
+        ("thruster_lag", False, True, False),
+    ],
+)
+def test_a_coupling_is_not_established_where_the_model_misses_much(
+    key: str, multi_step: bool, misses: bool, expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In waves, the damping of sway and yaw was established for an antenna ahead of the origin."""
+    monkeypatch.setattr("rovid.planar.diagnosis.misses_much", lambda *_: misses)
+    model: Any = SimpleNamespace(is_multi_step=multi_step)
+    found: Any = SimpleNamespace(effect=effect_named(key))
+    data: Any = None
+    assert _formless(model, data, [found]) == ([found] if expected else [])
 
 
 def test_a_cause_in_the_place_of_a_better_one_that_failed_a_test_is_outweighed() -> None:
