@@ -16,7 +16,7 @@ from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.missing_torque import include_missing_torque
 from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
-from rovid.estimate.nested_fits import covariance_of_optima, fit_with_effects
+from rovid.estimate.nested_fits import covariance_of_optima, exchanged_or_same, fit_with_effects
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error, require_inertia
 from rovid.estimate.unknown_past import water_warning
 from rovid.model.model import Model
@@ -130,7 +130,8 @@ def add_effects(base: FitResult, effects: tuple[Effect, ...]) -> FitResult:
         plain = fit(reweighted.with_effects(base.effects, reweighted.mask), base.x)
         if plain.value < best.value:
             best = fit_with_effects(plain, effects)
-    return loosen_limit(best)
+    # Under another limit the other order of two time constants may be the likelier one.
+    return exchanged_or_same(loosen_limit(best))
 
 
 def loosen_limit(fitted: FitResult) -> FitResult:

@@ -10,6 +10,7 @@ import pytest
 from benchmarks.starts import Campaign, base_fit, climb_from_truth, commands, measured, random_campaign, two_thrusters
 from rovid.diagnose.candidate_fits import fit_from_best_start
 from rovid.effects import Effect, effect_named, forms_for
+from rovid.estimate import maximum_likelihood
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
@@ -103,7 +104,7 @@ def linear_campaign(seed: int, lag: float, linear: float, *, inertia_known: bool
 
 
 @pytest.mark.parametrize("lag", [0.2, 4.0])
-def test_exchanged_time_constants_are_tried(lag: float) -> None:
+def test_exchanged_time_constants_are_tried(lag: float, monkeypatch: pytest.MonkeyPatch) -> None:
     campaign = linear_campaign(1, lag, 0.97)
     base = base_fit(campaign)
     right = add_effects(base, (LAG,))
@@ -116,6 +117,9 @@ def test_exchanged_time_constants_are_tried(lag: float) -> None:
     assert wrong.model.inertia == pytest.approx(lag * campaign.model.inertia, rel=0.1)
     assert exchanged_or_same(wrong).value == pytest.approx(right.value, abs=0.1)
     assert covariance_of_optima(right)[1] == []
+    # They are tried again under the last limit of the disturbance.
+    monkeypatch.setattr(maximum_likelihood, "loosen_limit", lambda _: wrong)
+    assert add_effects(base, (LAG,)).value == pytest.approx(right.value, abs=0.1)
 
 
 def test_two_optima_that_the_data_do_not_distinguish_are_told() -> None:
