@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # numpy takes long to import.
 FAULT_IDS = (
     "wild_stamp", "arrival_bursts", "repeated_stamps", "clock_step", "lost_rows", "two_sources", "saturated_sensor",
     "absent_zero", "sentinel_command", "stale_commands", "heading_gaps", "heading_step", "position_step",
-    "several_releases", "idle_ends", "same_run_twice", "unit_mismatch", "clocks_apart", "scaled_heading",
+    "clocks_apart", "several_releases", "idle_ends", "same_run_twice", "unit_mismatch", "scaled_heading",
     "no_response", "foreign_log", "thrust_unit",
 )  # fmt: skip
 # The only difference between two sentences on the same fault of two logs.

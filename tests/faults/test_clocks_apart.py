@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.faults.base import RunsData, examine
+from rovid.faults.base import RunsData, detectors_at, examine
 from rovid.faults.clock_drift import clock_drift
 from rovid.faults.clocks_apart import DETECTORS
 from rovid.faults.log_regressors import first_order
@@ -85,6 +85,14 @@ def test_the_log_with_the_offset_is_named_and_set_aside(name: str, samples: int)
     assert fault.size is not None
     interval = runs[0].trial.sampling_interval
     assert abs(fault.size + samples * interval) < 0.5 * interval
+
+
+@pytest.mark.parametrize("samples", [10, 40])
+def test_commands_that_come_late_are_no_hand_that_moves_the_vehicle(samples: int) -> None:
+    runs = [shifted(run, samples) if run.trial.name == "random.csv" else run for run in day("small", 1)]
+    runs = [replace(run, trial=replace(run.trial, commands=run.torque[:, None])) for run in runs]
+    every = examine(detectors_at("runs"), RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())[1]
+    assert [(fault.fault, fault.logs) for fault in every] == [("clocks_apart", ("random.csv",))]
 
 
 def test_two_logs_have_no_majority() -> None:
