@@ -74,7 +74,7 @@ _PLACES = {
     SensorPlace: "acts on the readings of a velocity log or an antenna; `--axes planar` only",
     WaterCurrent: "speed of the water in the equations of surge, sway and yaw; `--axes planar` only",
 }
-_OF_ANGLES = "acts on the angles of rudders and azimuth thrusters; `--axes planar` only"
+_OF_ANGLES = "acts on the angles of rudders, and with `--axes planar` on those of azimuth thrusters"
 _AXES = {
     "time": "time in the step, s",
     "command": "command, V",

@@ -14,6 +14,7 @@ from rovid.effects.catalogue import (
     effect_named,
     every_form,
     forms_for,
+    in_angles,
     load_plugins,
     restoring_effect,
     term_effect,

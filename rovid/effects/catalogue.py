@@ -5,7 +5,16 @@ from importlib import import_module
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, suggestion
-from rovid.effects import bias_torque, restoring_curve, slew_limit, supply_sag, thruster_imbalance, thruster_lag
+from rovid.effects import (
+    bias_torque,
+    command_hysteresis,
+    restoring_curve,
+    slew_limit,
+    supply_sag,
+    thruster_deadband,
+    thruster_imbalance,
+    thruster_lag,
+)
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.base import Effect, OnCommand, Term
 from rovid.effects.clock_offset import CLOCKS_APART
@@ -82,7 +91,10 @@ PLANAR_FORMS: tuple[Effect, ...] = tuple(
     form for name in PLANAR_EFFECTS for form in import_module(f"rovid.effects.{name}").PLANAR_FORMS
 )
 # Forms that act on the angles of rudders and azimuth thrusters.
-ANGLE_FORMS: tuple[Effect, ...] = (*thruster_lag.ANGLE_FORMS, *slew_limit.ANGLE_FORMS)
+ANGLE_FORMS: tuple[Effect, ...] = tuple(
+    form for module in (thruster_deadband, thruster_lag, slew_limit, command_hysteresis) for form in module.ANGLE_FORMS
+)
+_ANGLE_FORMS = {form.id: form for form in ANGLE_FORMS}
 # The plain forms.
 CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
 # Restoring torque or force by weight and buoyancy, part of the base model of these axes.
@@ -140,6 +152,12 @@ def require_free_id(name: str) -> None:
         raise ConfigError(f"is {name!r}, which is an effect already.", where="NAME", mend="Choose another name.")
 
 
+def in_angles(effect: Effect) -> Effect:
+    """The form in rad of an effect in the unit of the command, for a vehicle that is steered by angles; else itself."""
+    in_commands = effect.parameters[0].unit.startswith("command") and isinstance(effect.acts, OnCommand)
+    return _ANGLE_FORMS.get(effect.id, effect) if in_commands else effect
+
+
 def every_form() -> tuple[Effect, ...]:
     """All forms of the catalogue and of the plug-ins."""
     return (*FORMS, *further_forms(EFFECTS))
@@ -157,9 +175,9 @@ def forms_for(
     found: list[Effect] = []
     # The thrust ahead replaces a speed that is not logged.
     estimates_speed = SPEEDS[0] not in channels and bool(vehicle.surge_shares.any())
-    rudders = [thruster.is_rudder for thruster in vehicle.thrusters]
-    for effect in (*every_form(), *(ANGLE_FORMS if any(rudders) else ())):
-        if isinstance(effect.acts, OnCommand) and rudders and all(rudders) and not effect.acts.of_angles:
+    has_rudder = any(thruster.is_rudder for thruster in vehicle.thrusters)
+    for effect in (*every_form(), *(ANGLE_FORMS if has_rudder else ())):
+        if isinstance(effect.acts, OnCommand) and vehicle.has_rudders_alone and not effect.acts.of_angles:
             continue  # it is of commands, which no curve turns into thrust
         if (effect.axes and vehicle.axis.name not in effect.axes) or set(effect.replaces) & set(channels):
             continue

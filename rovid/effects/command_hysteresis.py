@@ -41,3 +41,15 @@ FORMS: tuple[Effect, ...] = (
         acts=OnCommand(_latch),
     ),
 )
+# Of rudders and azimuth thrusters: play of their gear.
+ANGLE_FORMS: tuple[Effect, ...] = (
+    replace(
+        EFFECT,
+        form="angle",
+        title="play of the angle",
+        axes=("planar", "yaw"),
+        parameters=(replace(EFFECT.parameters[0], unit="rad", high=0.4, initial_values=(0.02, 0.1), scale="one"),),
+        equation="δ' follows δ within ±b/2, δ the angle of each rudder and azimuth thruster",
+        acts=OnCommand(_play, of_angles=True),
+    ),
+)

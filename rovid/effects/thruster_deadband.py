@@ -50,3 +50,15 @@ FORMS: tuple[Effect, ...] = (
         acts=OnCommand(_jump),
     ),
 )
+# Of rudders and azimuth thrusters: an angle about neutral without lift, or one that the gear does not follow.
+ANGLE_FORMS: tuple[Effect, ...] = (
+    replace(
+        EFFECT,
+        form="angle",
+        title="dead band of the angle",
+        axes=("planar", "yaw"),
+        parameters=(replace(EFFECT.parameters[0], unit="rad", high=0.4, initial_values=(0.02, 0.1), scale="one"),),
+        equation="δ' = δ − sign(δ)·b where |δ| > b, else 0, δ the angle of each rudder and azimuth thruster",
+        acts=OnCommand(_shift, of_angles=True),
+    ),
+)

@@ -106,10 +106,7 @@ def diagnose_planar(
 
 
 def _search(data: PlanarData, base: PlanarOptimum, budget: Budget) -> PlanarSearch:
-    # A slew limit of commands is one of angles where these steer the vehicle.
-    same = {"slew_limit"} if data.actuators.steered else set()
-    candidates = tuple(form for form in planar_candidates(data) if form.key not in same)
-    return PlanarSearch(data, base, candidates, budget)
+    return PlanarSearch(data, base, planar_candidates(data), budget)
 
 
 def _selected(search: PlanarSearch) -> PlanarOptimum:

@@ -11,7 +11,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus, round_to_error
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.effects import ANGLE_FORMS, PLANAR_FORMS, Effect, effect_named, forms_for
+from rovid.effects import ANGLE_FORMS, PLANAR_FORMS, Effect, effect_named, forms_for, in_angles
 from rovid.effects.base import Actuating, Coupling, SensorPlace, WaterCurrent
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fisher_information import inverse_information
@@ -198,6 +198,8 @@ def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
     channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
     acting = forms_for(data.actuators.thrusters, channels, [run.name for run in data.runs])
     actuators = [form for form in acting if isinstance(form.acts, Actuating) and not form.instants]
+    if data.actuators.steered:
+        actuators = [form for form in actuators if in_angles(form) is form]
     actuators += ANGLE_FORMS if len(data.actuators.angle_columns) else ()
     if not {"surge_velocity", "sway_velocity", "north", "east"} & set(data.sensors):
         return tuple(actuators)

@@ -12,7 +12,7 @@ import numpy as np
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import ConfigError, suggestion
 from rovid.core.input_files import SMALLEST, expected_number
-from rovid.effects import FORMS, PLANAR_FORMS, Effect, effect_named
+from rovid.effects import FORMS, PLANAR_FORMS, Effect, effect_named, in_angles
 from rovid.effects.base import Actuating
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.model.bound_effects import BoundEffect
@@ -229,6 +229,8 @@ class PlanarStudy:
         Raises DataError if the logs do not excite the vehicle. Raises ConfigError if an effect needs a thruster or a
         signal that these logs do not have.
         """
+        if self.data.actuators.steered:
+            effects = tuple(map(in_angles, effects))
         self._require_possible(effects)
         fit = fit_planar(self.data, effects)
         vehicle = self.vehicle

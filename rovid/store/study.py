@@ -15,7 +15,7 @@ from rovid.core.errors import ConfigError, DataError, LogError, suggestion
 from rovid.core.input_files import read_toml
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
-from rovid.effects import Effect, forms_for
+from rovid.effects import Effect, forms_for, in_angles
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
@@ -147,6 +147,8 @@ class Study:
         """
         if self.runs is None:
             raise DataError("a table holds no time series to fit.", where=self.paths[0], mend="Give logs.")
+        if self.vehicle.has_rudders_alone:
+            effects = tuple(map(in_angles, effects))
         self.require_effects(effects)
         logged = shared_channels(self.runs.items)
         for effect in effects:

@@ -224,6 +224,11 @@ class Vehicle:
         return self.thrust_scale_error / self.thrust_scale
 
     @property
+    def has_rudders_alone(self) -> bool:
+        """Whether rudders, and no thruster, drive the vehicle along this axis."""
+        return bool(self.thrusters) and all(thruster.is_rudder for thruster in self.thrusters)
+
+    @property
     def surge_shares(self) -> FloatArray:
         """(k,) share of each thrust that drives the vehicle ahead; zeros where unknown.
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import IntArray
-from rovid.effects import Effect, effect_named, forms_for
+from rovid.effects import Effect, effect_named, forms_for, in_angles
 from rovid.effects.actuator_inputs import SampleSelection
 from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
@@ -155,5 +155,8 @@ def test_forms_of_commands_give_way_to_forms_of_angles_where_rudders_alone_drive
     vehicle = Vehicle(name="", thrusters=(rudder,))
     keys = {form.key for form in forms_for(vehicle)}
     assert {"slew_limit:angle", "thruster_lag:angle", "command_delay"} < keys
+    assert {"thruster_deadband:angle", "command_hysteresis:angle"} < keys
     assert not {"slew_limit", "thruster_deadband", "command_hysteresis", "thruster_lag:command"} & keys
     assert "slew_limit:angle" not in {form.key for form in forms_for(VEHICLE)}
+    assert in_angles(effect_named("slew_limit:size")).key == "slew_limit:angle"
+    assert in_angles(effect_named("thruster_lag:command")).key == "thruster_lag:command"

@@ -11,7 +11,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
-from rovid.effects.catalogue import effect_named
+from rovid.effects.catalogue import ANGLE_FORMS, effect_named
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.effect_fits import planar_candidates
 from rovid.planar.model import SENSORS
@@ -188,6 +188,8 @@ def test_a_rudder_keeps_its_angle_and_knows_its_screw(tmp_path: Path) -> None:
         ("thruster_lag", 2.0, lambda time, angle: angle * (1.0 - np.exp(-np.maximum(time, 0.0) / 2.0))),
         ("slew_limit:angle", 0.05, lambda time, angle: np.minimum(angle, 0.05 * np.maximum(time, 0.0))),
         ("thruster_lag:angle", 2.0, lambda time, angle: angle * (1.0 - np.exp(-np.maximum(time, 0.0) / 2.0))),
+        ("thruster_deadband:angle", 0.1, lambda time, angle: np.maximum(angle - 0.1, 0.0)),
+        ("command_hysteresis:angle", 0.1, lambda time, angle: np.maximum(angle - 0.05, 0.0)),
     ],
 )
 def test_the_gear_of_a_rudder_is_slow(
@@ -200,6 +202,9 @@ def test_the_gear_of_a_rudder_is_slow(
     write_log(tmp_path / "run.csv", motion)
     data = read(tmp_path)
     assert data.actuators.steered
+    assert {one.unit for form in planar_candidates(data) for one in form.parameters}.isdisjoint(
+        {"command", "command/s"}
+    )
     run = data.runs[0]
     forces = run.forces([BoundEffect(effect_named(effect), np.array([size]))])
     # Means over intervals of 50 ms at most.
@@ -210,7 +215,10 @@ def test_the_gear_of_a_rudder_is_slow(
     assert np.ptp(forces.force[:, 0]) < 1e-9
 
 
-@pytest.mark.parametrize(("effect", "size"), [("slew_limit:angle", 0.05), ("thruster_lag:angle", 2.0)])
+@pytest.mark.parametrize(
+    ("effect", "size"),
+    [(form.key, {"thruster_lag": 2.0, "slew_limit": 0.05}.get(form.id, 1.0)) for form in ANGLE_FORMS],
+)
 def test_a_slow_gear_leaves_thrust_as_it_is(effect: str, size: float, tmp_path: Path) -> None:
     write_campaign(tmp_path, SHIP, logs=1)
     data = read(tmp_path)
