@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rovid.cli import context
 from rovid.cli.options import SharedOptions
 from rovid.cli.streams import progress
-from rovid.core.errors import ConfigError, DataError
+from rovid.core.errors import ConfigError, DataError, join_words
 
 if TYPE_CHECKING:
     from rovid.effects import Effect
@@ -210,6 +210,9 @@ def plan(
     if not (effects or causes or stored.path.exists()):
         reason = "does not exist, so the run is planned for a model without causes"
         warnings = [f"{stored.path} {reason}. Give the parameter file of a diagnosis with -p."]
+    if hidden := [model.name for model in found.models if model.is_assumed]:
+        text = "The runs are compared at the largest size that the logs leave open, three standard errors."
+        warnings.append(f"These logs do not show {join_words(hidden)}. {text}")
     document = plan_document(found, study.vehicle, str(commands.path), str(picture.path), warnings)
     shown = found, [commands.path, picture.path], study.vehicle.assumptions, warnings
     context.print_either(document, show_plan, *shown, json=shared.json)

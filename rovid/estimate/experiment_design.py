@@ -25,6 +25,8 @@ from rovid.trial.vehicle import Vehicle
 # Expected log-likelihood ratio in nats from which a run is decisive. The realised ratio, of twice the variance, then
 # exceeds 6 with a probability of 0.89.
 DECISIVE_LLR = 12.0
+# Standard errors from nothing at which logs show a cause; the largest size that they leave open without.
+_SHOWN = 3.0
 # Largest logarithm of a ratio of variances whose exponential is taken.
 _MAX_GAIN = 500.0
 # Smallest standard deviation of the measurement noise, against division by zero.
@@ -42,6 +44,7 @@ class CandidateModel:
     memory: float  # correlation time of the disturbance in s
     noise: float  # standard deviation of the measurement
     integrated: bool = False  # the rate alone is measured
+    is_assumed: bool = False  # the logs do not show its last effect, whose size is assumed
 
     @classmethod
     def from_fit(cls, name: str, fitted: FitResult, covariance: FloatArray) -> Self:
@@ -59,6 +62,27 @@ def candidate_model(fit: LikelihoodFit, name: str) -> CandidateModel:
     """Model of a maximum-likelihood fit with its uncertainty."""
     noises = fit.disturbance, fit.correlation_time, fit.position_noise
     return CandidateModel(name, fit.model, fit.estimate.covariance, *noises, fit.rate_only)
+
+
+def with_visible_size(candidate: CandidateModel) -> CandidateModel:
+    """The model with its last effect at the largest size that its fit leaves open, if the fit shows none.
+
+    Two causes that are fitted as nothing predict the same: no run would distinguish them.
+    """
+    model, effect = candidate.model, candidate.model.effects[-1]
+    at, parameter = len(model.values) - len(effect.parameters), effect.parameters[0]
+    value, error = float(model.values[at]), math.sqrt(max(candidate.covariance[at, at], 0.0))
+    inverse, factor = parameter.neutral_at_infinity, np.ones(len(model.values))
+    size = 1.0 / value if inverse else value - parameter.neutral
+    error = error / value**2 if inverse else error
+    if not math.isfinite(error) or error == 0.0 or abs(size) >= _SHOWN * error:
+        return candidate
+    size = math.copysign(_SHOWN * error, size)
+    own = [1.0 / size if inverse else parameter.neutral + size, *model.values[at + 1 :]]
+    factor[at] = (own[0] / value) ** 2 if inverse else 1.0
+    values = (*model.effect_values[: -len(own)], *map(float, own))
+    covariance = candidate.covariance * np.outer(factor, factor)
+    return replace(candidate, model=replace(model, effect_values=values), covariance=covariance, is_assumed=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,7 +19,13 @@ from rovid.effects import Effect, forms_for, in_angles
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.experiment_design import ExperimentPlan, candidate_model, plan_experiment, require_thrusters
+from rovid.estimate.experiment_design import (
+    ExperimentPlan,
+    candidate_model,
+    plan_experiment,
+    require_thrusters,
+    with_visible_size,
+)
 from rovid.estimate.inertia import InertiaFit, fit_inertia, fit_inertia_table, rigid_body_warnings, with_joint_error
 from rovid.estimate.inner_loop import find_inner_loop
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
@@ -191,7 +197,8 @@ class Study:
         require_thrusters(self.vehicle)
         if between:
             others = tuple(effect for effect in effects if effect.id not in {cause.id for cause in between})
-            models = [candidate_model(self.likelihood((*others, cause)), cause.key) for cause in between]
+            fitted = [candidate_model(self.likelihood((*others, cause)), cause.key) for cause in between]
+            models = list(map(with_visible_size, fitted))
         else:
             models = [candidate_model(self.likelihood(effects), "the model")]
         names = models[0].model.names

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.core.errors import DataError
+from rovid.effects import effect_named
 from rovid.estimate.candidate_runs import CandidateRun, RunLimits, RunScales, candidate_runs
 from rovid.estimate.experiment_design import (
     CandidateModel,
@@ -17,6 +18,7 @@ from rovid.estimate.experiment_design import (
     command_csv,
     plan_experiment,
     rank_runs,
+    with_visible_size,
 )
 from rovid.model.model import Model
 from tests import synthetic
@@ -62,6 +64,25 @@ def test_different_models_are_distinguishable_and_equal_ones_are_not() -> None:
     assert apart.gain > 10.0
     assert same.gain < 1e-3  # rounding of the filter
     assert apart.rates.shape == (2, len(TIME))
+
+
+def test_causes_that_logs_do_not_show_are_compared_at_the_size_that_these_leave_open() -> None:
+    """A lag of 0 +- 0.2 s and a slew limit of 1/(0 +- 0.001) predict the same, and no run would tell them apart."""
+    hidden = []
+    for name, value, error in (("thruster_lag", 0.0, 0.2), ("slew_limit", 1e5, 1e-3 * 1e10)):
+        bare = model_with()
+        model = replace(ROSUB, effects=(effect_named(name),), effect_values=(value,))
+        covariance = np.diag([*np.diag(bare.covariance), error**2])
+        hidden.append(replace(bare, name=name, model=model, covariance=covariance))
+    shown = list(map(with_visible_size, hidden))
+    assert [one.is_assumed for one in shown] == [True, True]
+    assert [one.model.effect_values[0] for one in shown] == pytest.approx([0.6, 1.0 / 0.003])
+    # Of the inverse of the slew limit the error is as before.
+    assert math.sqrt(shown[1].covariance[-1, -1]) * 0.003**2 == pytest.approx(1e-3)
+    (before,), (after,) = (rank_runs([STEP], models, VEHICLE, RunLimits()) for models in (hidden, shown))
+    assert before.gain < 1e-3 < 1.0 < after.gain
+    large = replace(shown[0], is_assumed=False, covariance=0.5 * shown[0].covariance)
+    assert with_visible_size(large) is large
 
 
 @pytest.mark.parametrize("limits", [RunLimits(seconds=100.0), RunLimits(rate=0.01), RunLimits(travel=0.1)])
