@@ -219,7 +219,8 @@ class EffectParameter:
     #: ``wash``, ``sqrt_thrust``, ``surge`` and ``sway``, the RMS over all logs; ``load``, the largest share of full
     #: thrust; ``longest``, hours of the longest log; ``day``, hours from the first log's start to the last one's end;
     #: ``surge_force`` and ``sway_force``, RMS in the planar model; ``time``, time constant of the vehicle;
-    #: ``angle``, swept in that time at the RMS rate; ``time_at_reference``, time for it at the reference rate.
+    #: ``impulse``, of the RMS torque in that time; ``angle``, swept in it at the RMS rate; ``time_at_reference``, time
+    #: for it at the reference rate.
     #: Quotients are written as ``torque/surge/rate``.
     scale: str = "one"
     #: Relative step of difference quotients. A threshold makes the likelihood piecewise constant: with a small step its
@@ -352,6 +353,7 @@ class Scales:
             **vars(self),
             "command": 0.01 * self.command,
             "inertia": self.torque * self.time / self.rate,
+            "impulse": self.torque * self.time,
             "angle": self.time * self.rate,
             "time_at_reference": self.time * self.rate / REFERENCE_RATE,
         }

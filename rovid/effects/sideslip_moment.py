@@ -2,9 +2,23 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import speed_of_thrust
-from rovid.effects.base import SPEEDS, ActuatorInputs, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
+from rovid.effects.actuator_inputs import interpolate_gaps
+from rovid.effects.base import (
+    SPEEDS,
+    ActuatorInputs,
+    Effect,
+    EffectParameter,
+    Instant,
+    Numbers,
+    OnTorque,
+    Term,
+    Values,
+    compiled,
+)
 
 
 @compiled
@@ -54,6 +68,16 @@ def _decay_rate(values: Values) -> float:
 def _unknown_start(values: Values, rate: float, acceleration: float) -> tuple[float, ...]:
     """The sway of a steady turn, in units of the rate: that of a log that begins under way."""
     return (rate,)
+
+
+def _accelerated(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
+    """(n,) torque less that of the mean sideways acceleration between two log instants."""
+    logged, changes = inputs.extras.get(SPEEDS[1], np.zeros(len(torque))), []
+    for one, counts in zip(inputs.trials, inputs.subdivisions, strict=True):
+        at = np.cumsum(counts) - counts
+        sway = interpolate_gaps(logged[one.rows][at])
+        changes.append(np.repeat(np.append(np.diff(sway) / np.diff(inputs.time[one.rows][at]), 0.0), counts))
+    return np.asarray(torque - values["mass"] * np.concatenate(changes))
 
 
 def _surge_from_thrust(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -152,6 +176,18 @@ FORMS: tuple[Effect, ...] = (
         needs=(),
         replaces=SPEEDS,
         acts=Term(_crept, states=2, fastest=_decay_rate),
+    ),
+    # Added mass that couples sway and yaw, and the centre of mass ahead of the origin.
+    replace(
+        EFFECT,
+        form="acceleration",
+        title="torque of sideways acceleration",
+        parameters=(replace(_DRIFT, name="mass", unit="kg m", scale="impulse/sway"),),
+        equation="− m·dv/dt, v the logged speed to starboard; m the added mass of sway and yaw and the centre's offset",
+        fingerprint="residual torque in proportion to the sideways acceleration",
+        experiment="sudden sideways thrusts without turning, in both directions",
+        rivals=("added_mass_memory", "entrained_swirl"),
+        acts=OnTorque(_accelerated),
     ),
     replace(EFFECT, form="both", parameters=(_DRIFT, _MUNK), equation="− N·v − m·u·v", needs=SPEEDS, acts=Term(_both)),
 )

@@ -23,8 +23,11 @@ def _twice_lagged(inputs: ActuatorInputs, command: FloatArray, values: Values) -
 
 
 def _unequally(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    away, lags = command - inputs.neutral, (values["time_constant"], values["falling"])
-    return np.asarray(inputs.apply_per_trial(lagged_unequally, away, *lags) + inputs.neutral)
+    return np.asarray(_unequally_of_thrust(inputs, command - inputs.neutral, values) + inputs.neutral)
+
+
+def _unequally_of_thrust(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    return inputs.apply_per_trial(lagged_unequally, thrust, values["time_constant"], values["falling"])
 
 
 def _lagged_speed(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -35,6 +38,10 @@ def _lagged_speed(inputs: ActuatorInputs, thrust: FloatArray, values: Values) ->
 def _rotor(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
     late = inputs.apply_per_trial(rotor_lagged, thrust / inputs.reference_thrust, values["time_constant"])
     return np.asarray(late * inputs.reference_thrust)
+
+
+def _unequally_settled(values: Values, _: float) -> float:
+    return 5.0 * max(values["time_constant"], values["falling"])
 
 
 def _settled(values: Values, _: float) -> float:
@@ -54,6 +61,10 @@ EFFECT: Effect = Effect(
     rivals=("command_delay", "added_mass_memory", "slew_limit"),
     acts=OnTorque(_lagged, settling_time=_settled),
 )
+_UNEQUAL = (
+    replace(EFFECT.parameters[0], initial_values=(0.1, 0.4, 0.1)),
+    replace(EFFECT.parameters[0], name="falling", initial_values=(0.2, 0.1, 1.0)),
+)
 FORMS: tuple[Effect, ...] = (
     EFFECT,
     replace(
@@ -71,14 +82,16 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="unequal",
-        parameters=(
-            replace(EFFECT.parameters[0], initial_values=(0.1, 0.4, 0.1)),
-            replace(EFFECT.parameters[0], name="falling", initial_values=(0.2, 0.1, 1.0)),
-        ),
+        parameters=_UNEQUAL,
         equation="τ·du'/dt + u' = u where |u| > |u'|, elsewhere with τ2: a motor slows down with another lag",
-        acts=OnCommand(
-            _unequally, settling_time=lambda values, _: 5.0 * max(values["time_constant"], values["falling"])
-        ),
+        acts=OnCommand(_unequally, settling_time=_unequally_settled),
+    ),
+    replace(
+        EFFECT,
+        form="unequal_thrust",
+        parameters=_UNEQUAL,
+        equation="τ·dF'/dt + F' = F where |F| > |F'|, elsewhere with τ2: thrust falls with another lag than it grows",
+        acts=OnThrust(_unequally_of_thrust, settling_time=_unequally_settled),
     ),
     # A rotor after a motor or a controller with its own lag.
     replace(

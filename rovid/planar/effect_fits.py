@@ -193,11 +193,16 @@ def _new_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> list[F
     return starts
 
 
+def is_of_actuators(effect: Effect) -> bool:
+    """Whether the coupled model holds the effect between commands and forces; what acts in yaw alone is a coupling."""
+    return isinstance(effect.acts, Actuating) and effect.axes != ("yaw",)
+
+
 def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
     """All forms that the planar model can hold and these logs can show."""
     channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
     acting = forms_for(data.actuators.thrusters, channels, [run.name for run in data.runs])
-    actuators = [form for form in acting if isinstance(form.acts, Actuating) and not form.instants]
+    actuators = [form for form in acting if is_of_actuators(form) and not form.instants]
     if data.actuators.steered:
         actuators = [form for form in actuators if in_angles(form) is form]
     actuators += ANGLE_FORMS if len(data.actuators.angle_columns) else ()

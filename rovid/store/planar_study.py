@@ -13,13 +13,12 @@ from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import ConfigError, suggestion
 from rovid.core.input_files import SMALLEST, expected_number
 from rovid.effects import FORMS, PLANAR_FORMS, Effect, effect_named, in_angles
-from rovid.effects.base import Actuating
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.model.bound_effects import BoundEffect
 from rovid.model.parameter_names import PLANAR_UNITS, RUDDER_UNITS, unit_of
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import PlanarDiagnosis, diagnose_planar
-from rovid.planar.effect_fits import planar_candidates
+from rovid.planar.effect_fits import is_of_actuators, planar_candidates
 from rovid.planar.experiment import PlanarPlan, plan_planar
 from rovid.planar.fit import PlanarFit, fit_all_readings, fit_planar
 from rovid.planar.likelihood import PlanarPrior, PriorValue
@@ -299,9 +298,9 @@ def planar_effect(name: str) -> Effect:
         if name in {form.key, form.id}:
             return form
     effect = effect_named(name)
-    if not isinstance(effect.acts, Actuating):
+    if not is_of_actuators(effect):
         known = dict.fromkeys(form.id for form in PLANAR_FORMS)
-        of_thrusters = dict.fromkeys(form.id for form in FORMS if isinstance(form.acts, Actuating))
+        of_thrusters = dict.fromkeys(form.id for form in FORMS if is_of_actuators(form))
         mend = suggestion(name, [*known, *of_thrusters])
         if effect.id == "sideslip_moment":
             mend = "Leave it out: the base model has the Munk moment, and sway_yaw_damping has N_v."

@@ -14,6 +14,7 @@ import pytest
 from rovid.core.array_types import IntArray
 from rovid.effects import Effect, effect_named, forms_for, in_angles
 from rovid.effects.actuator_inputs import SampleSelection
+from rovid.effects.base import OnTorque
 from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
@@ -148,6 +149,38 @@ def test_a_gear_limits_the_angle_of_a_rudder_and_not_its_torque() -> None:
         assert slow.torque_input(vehicle, run).torque[:-1] == pytest.approx(torque[:-1], abs=1e-9)
         late = run.part(slice(14, None), "late")
         assert slow.torque_input(vehicle, late).torque[:-1] == pytest.approx(torque[14:-1], abs=1e-9)
+
+
+def test_thrust_grows_and_falls_with_a_lag_of_its_own() -> None:
+    """After steps of the command the thrust is an exponential in each piece, whatever the bench curve."""
+    time = np.arange(0.0, 12.0, 0.25)
+    command = np.where(time < 1.0, 0.0, np.where(time < 6.0, 2.0, 1.0))
+    run = replace(trial(time, command), commands=np.column_stack((command, 0.0 * command)))
+    plain = VEHICLE.torque(run)
+    model = replace(model_with(effect_named("thruster_lag:unequal_thrust")), effect_values=(0.5, 2.0))
+    instants = time[:-1, np.newaxis] + np.arange(0.0005, 0.25, 0.001)
+    top, low = plain[12], plain[32]
+    grown = top * (1.0 - np.exp(-(instants - 1.0) / 0.5))
+    fallen = low + (top * (1.0 - np.exp(-5.0 / 0.5)) - low) * np.exp(-(instants - 6.0) / 2.0)
+    expected = np.where(instants < 1.0, 0.0, np.where(instants < 6.0, grown, fallen)).mean(axis=1)
+    found = model.torque_input(VEHICLE, run).torque[:-1]
+    np.testing.assert_allclose(found, expected, atol=1e-4 * top)  # means over points 1 ms apart
+
+
+@pytest.mark.parametrize("parts", [1, 4])
+def test_a_sideways_acceleration_takes_its_momentum_from_the_torque(parts: int) -> None:
+    time = np.arange(0.0, 10.0, 0.2)
+    sway = 0.3 * np.sin(time)
+    idle = replace(trial(time, np.zeros(len(time))), commands=np.zeros((len(time), 2)))
+    run = replace(idle, extras={"sway_velocity": np.where(time == time[20], np.nan, sway)})
+    inputs = CommandSeries.from_trials(VEHICLE, [run], parts).inputs
+    act = effect_named("sideslip_moment:acceleration").acts
+    assert isinstance(act, OnTorque)
+    found = act.change(inputs, np.zeros(len(inputs.time)), {"mass": 50.0})[:-1].reshape(-1, parts)
+    expected = np.repeat(-50.0 * np.diff(sway)[:, np.newaxis] / 0.2, parts, axis=1)
+    known = np.delete(np.arange(len(expected)), [19, 20])
+    np.testing.assert_allclose(found[known], expected[known])
+    assert found.sum() * 0.2 / parts == pytest.approx(-50.0 * (sway[-1] - sway[0]))
 
 
 def test_forms_of_commands_give_way_to_forms_of_angles_where_rudders_alone_drive() -> None:
