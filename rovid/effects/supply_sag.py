@@ -21,10 +21,14 @@ _MAX_LOSS, _MAX_GAIN = 0.6, -0.2
 _MAX_FADE = 0.95
 
 
-def _with_load(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    load = np.abs(thrust).sum(axis=1) / float(inputs.full_thrust.sum())
+def _with_load(inputs: ActuatorInputs, thrust: FloatArray, values: Values, power: float = 1.0) -> FloatArray:
+    load = (np.abs(thrust) ** power).sum(axis=1) / float((inputs.full_thrust**power).sum())
     drop = values["sag"] * inputs.apply_per_trial(lagged, load, values["time_constant"])
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
+
+
+def _with_power(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    return _with_load(inputs, thrust, values, 1.5)
 
 
 def _with_others(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -83,6 +87,13 @@ EFFECT: Effect = Effect(
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
+    # Momentum theory: the power of a propeller grows with the thrust to the power of 3/2.
+    replace(
+        EFFECT,
+        form="power",
+        equation="T' = T·(1 − s·P), P the power Σ|F|^1.5 as a share of that at full thrust, behind a first-order lag",
+        acts=OnThrust(_with_power),
+    ),
     replace(
         EFFECT,
         form="others",

@@ -167,6 +167,16 @@ def test_thrust_grows_and_falls_with_a_lag_of_its_own() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-4 * top)  # means over points 1 ms apart
 
 
+@pytest.mark.parametrize(("form", "power"), [("supply_sag", 1.0), ("supply_sag:power", 1.5)])
+def test_a_held_command_loses_thrust_with_the_load_of_the_supply(form: str, power: float) -> None:
+    time = np.arange(0.0, 60.0, 0.5)
+    run = replace(trial(time, np.zeros(len(time))), commands=np.tile([2.0, 0.0], (len(time), 1)))
+    model = replace(model_with(effect_named(form)), effect_values=(0.3, 2.0))
+    share = VEHICLE.thrust(run.commands)[0] ** power / sum(one.full_thrust**power for one in VEHICLE.thrusters)
+    expected = VEHICLE.torque(run) * (1.0 - 0.3 * share.sum())
+    np.testing.assert_allclose(model.torque_input(VEHICLE, run).torque[-2], expected[-2])
+
+
 @pytest.mark.parametrize("parts", [1, 4])
 def test_a_sideways_acceleration_takes_its_momentum_from_the_torque(parts: int) -> None:
     time = np.arange(0.0, 10.0, 0.2)
