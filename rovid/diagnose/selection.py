@@ -125,12 +125,17 @@ class Selection:
         margin, model = THRESHOLDS.tie(cause.bic_gain), self.model
         close = [one.effect for one in cause.alternatives if abs(one.bic_gain - cause.bic_gain) < margin]
         own = {effect.id for effect in model.effects}
-        for fitted in self.search.cache.challengers.get(model.key, []):
-            causes = {effect.id: effect for effect in fitted.effects}
+        others = [
+            {effect.id: effect for effect in fitted.effects}
+            for fitted in self.search.cache.challengers.get(model.key, [])
+            if abs(bic_score(fitted) - self.search.required_score(model, fitted)) < margin
+        ]
+        others = [causes for causes in others if cause.effect.id not in causes]
+        for causes in others:
             added, missing = causes.keys() - own, own - causes.keys()
-            # Sets that differ by one effect are among the alternatives, compared on all data.
-            is_other = cause.effect.id in missing and len(added) + len(missing) > 2
-            if is_other and abs(bic_score(fitted) - self.search.required_score(model, fitted)) < margin:
+            # Sets that differ by one effect are among the alternatives, compared on all data. What a set has more than
+            # another one that is as close takes no cause's place.
+            if len(added) + len(missing) > 2 and not any(fewer.keys() < causes.keys() for fewer in others):
                 close += [effect for name, effect in causes.items() if name in added]
         return tuple({effect.id: effect for effect in close if not is_signal(effect)}.values())
 

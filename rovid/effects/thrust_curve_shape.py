@@ -20,6 +20,16 @@ def _saturating(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> F
     return np.asarray(thrust * (gain if loss >= 0.0 else 1.0 / gain))
 
 
+def _parabola(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    gain = 1.0 - values["loss"] * np.abs(thrust) / inputs.full_thrust
+    return np.asarray(thrust * gain / (1.0 - values["loss"] * inputs.reference_thrust / inputs.full_thrust))
+
+
+def _knee(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    beyond = np.maximum(np.abs(thrust) - values["knee"] * inputs.full_thrust, 0.0)
+    return np.asarray(thrust - values["loss"] * np.sign(thrust) * beyond)
+
+
 def _in_command(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
     excess = inputs.excess(command)
     largest = np.abs(inputs.command_range - inputs.dead_zone)
@@ -47,6 +57,26 @@ FORMS: tuple[Effect, ...] = (
         parameters=(EffectParameter(name="loss", unit="1", low=-0.5, high=5.0, initial_values=(0.1,)),),
         equation="F' = F·(1 + a)/(1 + a·|F|/F0), F0 a tenth of the bench's largest thrust",
         acts=OnThrust(_saturating, anchored=True),
+    ),
+    # A supply sag without a lag is the same law where the thrusters share their load in one way only.
+    replace(
+        EFFECT,
+        form="parabola",
+        parameters=(
+            EffectParameter(name="loss", unit="1", low=-0.6, high=0.6, initial_values=(0.1, -0.1), scale="one/load"),
+        ),
+        equation="F' = F·(1 − a·|F|/Fm)/(1 − a/10), Fm the bench's largest thrust",
+        acts=OnThrust(_parabola, anchored=True),
+    ),
+    replace(
+        EFFECT,
+        form="knee",
+        parameters=(
+            EffectParameter(name="loss", unit="1", low=-1.0, high=1.0, initial_values=(0.3,)),
+            EffectParameter(name="knee", unit="1", low=0.05, high=1.0, initial_values=(0.3, 0.6)),
+        ),
+        equation="F' = F − a·sign(F)·(|F| − k·Fm) where |F| > k·Fm, as with cavitation or a limit of the current",
+        acts=OnThrust(_knee),
     ),
     replace(
         EFFECT,

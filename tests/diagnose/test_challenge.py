@@ -87,6 +87,14 @@ def test_a_set_within_the_margin_is_a_rival(base: FitResult) -> None:
     selection.search.cache.challengers[selection.model.key] = [near]
     cause = selection.search.cause(selection.model, UNEQUAL)
     assert DRAG in selection.indistinguishable(cause)
+    # What is added to a set that is as close without it takes nothing's place.
+    both = selected(base, DRAG, BIAS).model
+    least = selection.search.required_score(selection.model, both)
+    more = replace(both, value=value_at_score(least - 1.0, both.objective))
+    selection.search.cache.challengers[selection.model.key] = [near, more]
+    assert BIAS not in selection.indistinguishable(cause)
+    selection.search.cache.challengers[selection.model.key] = [more]
+    assert {DRAG, BIAS} <= {*selection.indistinguishable(cause)}
     far = replace(near, value=near.value + 60.0)
     selection.search.cache.challengers[selection.model.key] = [far]
     assert DRAG not in selection.indistinguishable(cause)

@@ -177,6 +177,29 @@ def test_a_held_command_loses_thrust_with_the_load_of_the_supply(form: str, powe
     np.testing.assert_allclose(model.torque_input(VEHICLE, run).torque[-2], expected[-2])
 
 
+def test_a_sag_without_a_lag_is_a_bent_curve_where_one_thruster_acts() -> None:
+    time = np.arange(0.0, 20.0, 0.5)
+    run = replace(trial(time, np.zeros(len(time))), commands=np.column_stack((2.0 * np.sin(time), 0.0 * time)))
+    loss = 0.3 * VEHICLE.thrusters[0].full_thrust / sum(one.full_thrust for one in VEHICLE.thrusters)
+    torques = [
+        replace(model_with(effect_named(form)), effect_values=values).torque_input(VEHICLE, run).torque
+        for form, values in (("supply_sag", (0.3, 0.0)), ("thrust_curve_shape:parabola", (loss,)))
+    ]
+    np.testing.assert_allclose(torques[0], (1.0 - 0.1 * loss) * torques[1])
+
+
+def test_thrust_beyond_a_knee_grows_more_slowly() -> None:
+    time = np.arange(0.0, 20.0, 0.5)
+    run = replace(trial(time, np.zeros(len(time))), commands=np.column_stack((4.0 * np.sin(time), 0.0 * time)))
+    thrust, full = VEHICLE.thrust(run.commands)[:, 0], VEHICLE.thrusters[0].full_thrust
+    model = replace(model_with(effect_named("thrust_curve_shape:knee")), effect_values=(0.7, 0.4))
+    expected = np.where(
+        np.abs(thrust) > 0.4 * full, np.sign(thrust) * (0.4 + 0.3 * (np.abs(thrust) / full - 0.4)), thrust / full
+    )
+    assert np.ptp(expected) > 0.9
+    np.testing.assert_allclose(model.torque_input(VEHICLE, run).torque, VEHICLE.thrusters[0].arm * full * expected)
+
+
 @pytest.mark.parametrize("parts", [1, 4])
 def test_a_sideways_acceleration_takes_its_momentum_from_the_torque(parts: int) -> None:
     time = np.arange(0.0, 10.0, 0.2)
