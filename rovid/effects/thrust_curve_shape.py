@@ -73,7 +73,7 @@ FORMS: tuple[Effect, ...] = (
         form="knee",
         parameters=(
             EffectParameter(name="loss", unit="1", low=-1.0, high=1.0, initial_values=(0.3,)),
-            EffectParameter(name="knee", unit="1", low=0.05, high=1.0, initial_values=(0.3, 0.6)),
+            EffectParameter(name="knee", unit="1", neutral=1.0, low=0.05, high=1.0, initial_values=(0.3, 0.6)),
         ),
         equation="F' = F − a·sign(F)·(|F| − k·Fm) where |F| > k·Fm, as with cavitation or a limit of the current",
         acts=OnThrust(_knee),
