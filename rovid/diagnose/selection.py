@@ -31,6 +31,7 @@ class Selection:
     waves: WaveTest | None = None  # last result of the test
     inconsistent: tuple[Effect, ...] = ()  # dropped because one-step predictions show less of them
     messages: tuple[str, ...] = ()  # on effects that are not claimed
+    is_beaten: bool = False  # whether a formula predicts better than the causes that were found
     dropped: FitResult | None = None  # model with effects that show only together, and are not established
 
     @property
@@ -47,10 +48,10 @@ class Selection:
     def max_suspect_probability(self) -> float:
         """Largest probability of a suspect: only what passes every test is established.
 
-        If there was no time to fit each promising cause, one of these may act as well.
+        If a formula predicts better, or there was no time to fit each promising cause, no suspect is likely.
         """
         left_out = self.search.budget.not_tried
-        if any(candidate.id in left_out for candidate in self.search.candidates):
+        if self.is_beaten or any(candidate.id in left_out for candidate in self.search.candidates):
             return math.nextafter(THRESHOLDS.likely, 0.0)
         return THRESHOLDS.max_suspect_probability
 

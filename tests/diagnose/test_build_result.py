@@ -176,6 +176,7 @@ def test_a_cause_that_a_formula_beats_is_a_suspect(
     is_doubted = is_beaten and (lacks or product)
     assert [one.effect.id for one in told.findings] == ["bias_torque"] * (not is_doubted)
     assert [one.effect.id for one in told.suspects] == ["bias_torque"] * is_doubted
+    assert all(one.probability < THRESHOLDS.likely for one in told.suspects)
     assert any("A formula of rate and roll predicts" in one for one in told.warnings) is is_doubted
 
 

@@ -245,6 +245,7 @@ def test_causes_next_to_which_a_product_pays_are_doubted(
     monkeypatch.setattr(search, "regress", lambda *_: SimpleNamespace(gains=lambda: np.array([0.0, gain])))
     monkeypatch.setattr(search, "product_effects", lambda *_: [])
     monkeypatch.setattr(search, "drop_likely", lambda one, keys: keys)
+    monkeypatch.setattr(search, "replace", lambda one, **_: one)
     found: Any = FormulaSearch.__new__(FormulaSearch)
     products = [Product((factor("rate", "cubic"),)), Product((factor("rate", "sign"),))]
     found.model, found.grammar = None, SimpleNamespace(products=products, price=lambda _: 3.0)

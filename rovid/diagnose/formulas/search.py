@@ -331,7 +331,8 @@ def doubt_stand_ins(problem: SearchProblem, selection: Selection) -> Selection:
         f"A formula of {' and '.join(formula.signals) or 'no signal'} predicts trials that were not fitted better than "
         f"{' and '.join(cause.title for cause in causes)}: not claimed. `rovid discover` prints the formula."
     )
-    return drop_likely(selection.with_message(text).ban(*causes), [cause.key for cause in causes])
+    doubted = replace(selection.with_message(text).ban(*causes), is_beaten=True)
+    return drop_likely(doubted, [cause.key for cause in causes])
 
 
 def units_of(formula: Formula, units: Mapping[str, str]) -> dict[str, str]:
