@@ -37,7 +37,10 @@ def entries(doctree: nodes.document, page: str) -> Iterator[Entry]:
 
 def _text(node: nodes.Node) -> str:
     """The text that a reader sees, on one line."""
-    return " ".join(node.astext().split())
+    shown = node.deepcopy()
+    for raw in list(shown.findall(nodes.raw)):  # Tags of HTML
+        raw.parent.remove(raw)
+    return " ".join(shown.astext().split())
 
 
 def _write(app: Sphinx, error: Exception | None) -> None:

@@ -246,7 +246,6 @@ class VehicleStudy:
         causes = self._effects(between)
         if len({cause.id for cause in causes}) not in {0, 2}:
             raise ConfigError(f"names {len(causes)} causes; two different ones were expected.", where="between")
-        self.logs.vehicle.require_no_rudder("a run of commands")
         limits = RunLimits(share=share, seconds=60.0 * minutes, rate=max_rate, travel=travel)
         return records.plan_record(self.logs.plan(self._effects(effects), causes, limits, narrow), self.logs.vehicle)
 

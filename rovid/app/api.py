@@ -114,7 +114,7 @@ class Api:
             "file": self.root.name(config.path),
             "beside": [self.root.name(output.path) for output in curves],
             "survey": survey_document(survey, []),
-            "commands": self._commands(form, config_folder(paths), guessed),
+            "commands": self._commands(form, config_folder(paths), guessed, survey),
             # Speeds and positions, with which surge, sway and yaw can be taken together.
             "planar": sorted({name for guess in guessed.planar.values() for name in guess.signals}),
         }
@@ -231,7 +231,9 @@ class Api:
             self._surveys[key, options] = survey_read_logs(self._logs_read[key], options)
         return self._surveys[key, options]
 
-    def _commands(self, form: form_state.FormState, folder: Path, guessed: LogSurvey) -> list[Document]:
+    def _commands(
+        self, form: form_state.FormState, folder: Path, guessed: LogSurvey, survey: LogSurvey
+    ) -> list[Document]:
         """Command lines that do the same, for the folder in which `rovid open` was started."""
         logs = list(map(shell_word, form.logs))
         headings, commands = form.changes(guessed)
@@ -249,9 +251,11 @@ class Api:
             "Content and problems of the logs": ["rovid", "check", *axes, *logs],
             "Diagnosis only": ["rovid", "diagnose", *axes, *logs, "-p", parameters],
             "Report with all results": ["rovid", "report", *axes, *logs, "-p", parameters, "-o", page],
-            "The next run, after the report": ["rovid", "plan", *axes, "-p", parameters],
-            "Parameters for a simulator, after the report": ["rovid", "export", "gz-sim", *axes, "-p", parameters],
         }
+        if form.planar or not any(mapping.rudders for mapping in survey.mappings.values()):
+            lines["The next run, after the report"] = ["rovid", "plan", *axes, "-p", parameters]
+            to_simulator = ["rovid", "export", "gz-sim", *axes, "-p", parameters]
+            lines["Parameters for a simulator, after the report"] = to_simulator
         return [{"what": purpose, "line": shlex.join(words)} for purpose, words in lines.items()]
 
 

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from rovid.cli.streams import SOON, progress
-from rovid.core.errors import ConfigError
+from rovid.core.errors import ConfigError, join_words
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from rovid.api.results import Record
     from rovid.cli.options import SharedOptions
-    from rovid.core.output_files import OutputFile, OutputSet
+    from rovid.core.output_files import Content, OutputFile, OutputSet
     from rovid.readers.campaign import PrefetchedReader, TrialReader
     from rovid.store.parameter_file import Parameters
     from rovid.store.planar_study import PlanarStudy
@@ -194,6 +194,12 @@ def reserve_outputs(outputs: Sequence[OutputFile], logs: Sequence[Path], *inputs
     from rovid.store.study import input_files
 
     return OutputSet(outputs, force=force, protected=[*input_files(logs), *inputs])
+
+
+def write_outputs(outputs: OutputSet, contents: Mapping[OutputFile, Content]) -> list[str]:
+    """Write the files; a remark where they replace files of an earlier run with other contents."""
+    names = join_words([str(path) for path in outputs.write(contents)])
+    return [f"Replaced the earlier {names}. Another name of the output keeps both."] if names else []
 
 
 def without_stale_values(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:

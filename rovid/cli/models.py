@@ -105,7 +105,8 @@ def control(
     with progress("Simulating the closed loop …"):
         result = design_controller(stored, study.vehicle, conditions, options)
     if generators and isinstance(result.law, ControlLaw):
-        outputs.write({output: source(result.law, assumptions) for output, source in generators.items()})
+        sources = {output: source(result.law, assumptions) for output, source in generators.items()}
+        remarks += context.write_outputs(outputs, sources)
     warnings = [*fault_texts(study.faults), *study.remarks(), *remarks]
     document = control_document(result, warnings, assumptions)
     context.print_either(document, show_control, result, assumptions, warnings, json=shared.json)
@@ -142,8 +143,8 @@ def export(
     with progress("Simulating …"):
         subject = planar_input(stored, coupled) if planar else export_input(stored, logs)
         exported = verified_export(exporter, replace(subject, guess=assumptions))
+    remarks += context.write_outputs(outputs, {target: exported.content})
     exported = replace(exported, warnings=(*exported.warnings, *remarks))
-    outputs.write({target: exported.content})
     document = export_document(format, str(target.path), exported, assumptions)
     context.print_either(document, show_export, target.path, exported, assumptions, json=shared.json)
 
@@ -164,7 +165,7 @@ def plan(
     shared: SharedOptions,
 ) -> None:
     """Design the next run."""
-    from rovid.core.output_files import PLAN, OutputFile, png_signature
+    from rovid.core.output_files import PLAN, Content, OutputFile, png_signature
     from rovid.effects import effect_named
     from rovid.estimate.candidate_runs import RunLimits
     from rovid.estimate.experiment_design import command_csv
@@ -201,12 +202,11 @@ def plan(
     study = context.open_logs(paths, None, stored.axis)
     if not shared.force:
         study.require_sound()
-    study.vehicle.require_no_rudder("a run of commands")
     effects = tuple(dict.fromkeys((*stored.effect_forms(), *map(effect_named, effect or ()))))
     with progress("Fitting, and comparing candidate runs …"):
         found = study.plan(effects, causes, limits(angular=stored.axis.angular), narrow or "")
-    outputs.write({commands: command_csv(found), picture: plan_picture(found, stored.axis)})
-    warnings = _stale_effects(stored, study)
+    contents: dict[OutputFile, Content] = {commands: command_csv(found), picture: plan_picture(found, stored.axis)}
+    warnings = [*context.write_outputs(outputs, contents), *_stale_effects(stored, study)]
     if not (effects or causes or stored.path.exists()):
         reason = "does not exist, so the run is planned for a model without causes"
         warnings = [f"{stored.path} {reason}. Give the parameter file of a diagnosis with -p."]
@@ -242,7 +242,6 @@ def _plan_matrix(
     study = config or context.open_logs(logs or context.stored_logs(stored), None, stored.axis)
     vehicle = study.vehicle
     require_thrusters(vehicle)
-    vehicle.require_no_rudder("a run of commands")
     with progress("Fitting …") as report:
         if isinstance(study, Config):
             base = estimated_model(vehicle, integrated=study.measured_signal == study.axis.rate_signal)
@@ -293,8 +292,8 @@ def _plan_planar(
         study.logs.require_sound()
     with progress("Fitting, and comparing candidate runs …"):
         found = study.plan(effects, limits, narrow)
-    outputs.write({commands: command_csv(found.ranked)})
-    warnings = [*study.remarks(), *map(study.vehicle.assumptions.mark_sentence, found.warnings)]
+    replaced = context.write_outputs(outputs, {commands: command_csv(found.ranked)})
+    warnings = [*replaced, *study.remarks(), *map(study.vehicle.assumptions.mark_sentence, found.warnings)]
     warnings += _stale_effects(stored, study.logs)
     document = planar_plan_document(found, study.vehicle, str(commands.path), warnings)
     context.print_either(document, show_planar_plan, found, study, [commands.path], warnings, json=shared.json)

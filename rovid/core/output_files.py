@@ -166,8 +166,8 @@ class OutputSet:
             except OSError as error:
                 raise _not_written(output.path, error) from error
 
-    def write(self, contents: Mapping[OutputFile, Content], *, stale: Iterable[Path] = ()) -> None:
-        """Write all files and delete the ``stale`` ones, or change nothing.
+    def write(self, contents: Mapping[OutputFile, Content], *, stale: Iterable[Path] = ()) -> list[Path]:
+        """Write all files and delete the ``stale`` ones, or change nothing; return the paths that had other content.
 
         Raises OutputError if the files cannot be written after all. The message says where they were saved instead.
         """
@@ -188,6 +188,7 @@ class OutputSet:
                         changed.append(output)
                 for output in changed:
                     self._require_replaceable(output, differs=True)
+                replaced = [output.path for output in changed if output.target.exists()]
                 replace_files({output.target: data[output] for output in changed}, removed, folders)
         except OSError as error:
             first = next(iter(contents))
@@ -196,6 +197,7 @@ class OutputSet:
             if not all(output.signature.replaceable for output in contents):
                 raise  # the user's own file was there before
             self.save_elsewhere(data or _encoded(contents), error)
+        return replaced
 
     def save_elsewhere(self, contents: Mapping[OutputFile, bytes], reason: RovidError) -> NoReturn:
         """Save the contents in a new folder, because of a ``reason`` why they cannot go to their places.

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from rovid.core.errors import DataError
+from rovid.core.errors import RovidError
 from rovid.core.spmd import parallel_map
 from rovid.diagnose.candidate_fits import Alternative, Cause
 from rovid.diagnose.challenge import closest_challengers
@@ -32,6 +32,7 @@ from rovid.diagnose.screening import ScoreTest, bic_penalty
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stated_selection import StatedSelection, is_established, model_estimate
+from rovid.diagnose.stepwise import SearchStop
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected
 from rovid.effects import CATALOGUE, Effect, EffectParameter, effect_named
@@ -68,6 +69,7 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
             f"The remaining error asks for a disturbance above {100 * model.objective.limit:.2g} % of the torque in "
             "use: something is still missing, and it follows no other logged signal."
         )
+    warnings.extend(dict.fromkeys(text for one in stated.suspected for text in one.failed.values()))
     possible = [_suspect_finding(selection, one) for one in stated.suspected]
     plain = base.model if stated.plain is None else stated.plain.model
     shown = model.model if model.effects else plain
@@ -114,6 +116,7 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         nested_models=_nested_models(selection, stated.causes),
         detectable=tuple(sizes),
         warnings=tuple(warnings),
+        is_endless=SearchStop.CUT_SHORT in selection.search.progress.stops,
         fitted=None if model.data.means_only else CandidateModel.from_fit("the model", model, estimate.covariance),
     )
 
@@ -180,7 +183,7 @@ def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
     estimate = model_estimate(selection.full_data(one.fitted), white=False)
     others = [other.effect for other in suspected.others]
     sway = indistinguishable_sway(selection.data, [other.fitted for other in (one, *suspected.others)])
-    excluded = {one.effect.id, *(effect.id for effect in selection.inconsistent)}
+    excluded = {one.effect.id, *suspected.failed, *(effect.id for effect in selection.inconsistent)}
     gains = model.value - one.fitted.value, one.bic_gain, suspected.held_out_gain
     return replace(
         _unrivalled(selection, one.effect, estimate, gains, suspected.probability),
@@ -278,7 +281,7 @@ def _discriminating_plan(selection: Selection, finding: Finding) -> ExperimentPl
         candidates.append(CandidateModel.from_fit(name, full, full.covariance(sandwich=False)))
     try:
         return plan_experiment(candidates, vehicle, [run.trial for run in selection.data.runs], RunLimits())
-    except DataError:
+    except RovidError:
         return None
 
 

@@ -129,6 +129,7 @@ class Conclusion:
     detectable: tuple[tuple[Effect, float], ...] = ()
     warnings: tuple[str, ...] = ()
     missing: str = ""  #: Message on the data that are missing.
+    is_endless: bool = False  #: Whether the search ended though each addition asked for another: no lack of time.
     budget: BudgetUse | None = None  #: The time that the diagnosis was allowed, and that it took.
 
     @property
@@ -246,7 +247,7 @@ def first_experiment(diagnosis: Conclusion) -> dict[str, Any] | None:
         discriminating = discriminating_experiment(finding)
         if discriminating is not None:
             return discriminating | {"reason": "more than one cause explains these data equally well"}
-    if diagnosis.is_cut_short and not diagnosis.causes:
+    if diagnosis.is_cut_short and not (diagnosis.causes or diagnosis.is_endless):
         run = "none yet: repeat the diagnosis with a larger --budget"
         return {"run": run, "reason": "the search ended before every cause was tried"}
     return None

@@ -6,8 +6,8 @@ selection and the effect. It returns why the effect fails, or an empty text.
 """
 
 import math
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -48,11 +48,11 @@ _MULTI_STEP = (
 )
 _CUT_SHORT = (
     "The search ended before it was complete, because each addition asked for another one. The effects found may stand "
-    "in for other causes."
+    "in for other causes. More time does not help; further runs may."
 )
 OUT_OF_TIME = (
     "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
-    "larger --budget."
+    "larger --budget, to `rovid open` as well."
 )
 _INCONSISTENT = (
     "{} improves multi-step predictions, but one-step predictions show less of it, as where commands respond to waves: "
@@ -291,7 +291,7 @@ def search_warnings(selection: Selection, notes: Sequence[str]) -> list[str]:
     warnings = [_MULTI_STEP] if selection.multi_step else list(notes)
     if SearchStop.CUT_SHORT in selection.search.progress.stops:
         warnings.append(_CUT_SHORT)
-    if selection.is_out_of_time:
+    elif selection.is_out_of_time:
         warnings.append(OUT_OF_TIME.format(selection.search.budget.seconds))
     warnings += [_INCONSISTENT.format(effect.title) for effect in selection.inconsistent]
     warnings += selection.messages
@@ -306,6 +306,8 @@ class Suspected:
     probability: float
     held_out_gain: float
     others: tuple[Alternative, ...]
+    #: Effect id -> message on a cause that gains more but fails a test of suspects.
+    failed: Mapping[str, str] = field(default_factory=dict)
 
 
 def _stands_in(one: Alternative, better: Alternative, search: StepwiseSearch) -> bool:
@@ -336,25 +338,34 @@ def suspects(selection: Selection) -> list[Suspected]:
 
     # The test of a size takes a fit: only causes that are otherwise possible are tested.
     @cache
-    def has_size(one: Alternative) -> bool:
-        if significance(one.fitted, one.effect) < THRESHOLDS.min_standard_errors_suspect:
-            return False
+    def failed_test(one: Alternative) -> str:
+        size = significance(one.fitted, one.effect)
+        if size < THRESHOLDS.min_standard_errors_suspect:
+            return f"its size is only {size:.1f} standard errors"
         if change_in_samples(one.effect, one.fitted, model, selection.pieces) < THRESHOLDS.sampling_share:
-            return False
+            return "it changes the simulation less than the sampling of the logs does"
         if any(_stands_in(one, better, search) for better in inconsistent if better.bic_gain > one.bic_gain):
-            return False
-        return selection.waves is None or has_consistent_size(one.fitted, selection.waves.likelier, one.effect)
+            return "it loses most of its gain next to a cause that one-step predictions exclude"
+        if selection.waves is None or has_consistent_size(one.fitted, selection.waves.likelier, one.effect):
+            return ""
+        return "one-step predictions show less of it"
 
-    found: list[Suspected] = []
+    found, failed = list[Suspected](), dict[str, str]()
+
+    def leave_out(one: Alternative, why: str) -> None:
+        gain = f"{one.effect.title} gains {one.bic_gain:.0f} after the parameter penalty"
+        failed[one.effect.id] = f"{gain}, but {why}: it is not suspected."
+
     for one in left.copy():
         least = max(one.bic_gain - THRESHOLDS.suspect_margin, 0.0)
         near = [] if found else [other for other in left if other is not one and other.bic_gain > least]
         if recalibrated(posterior([one, *near]), white=white) < THRESHOLDS.possible:
             break
-        if not has_size(one):
+        if why := failed_test(one):
             left.remove(one)
+            leave_out(one, why)
             continue
-        others = [other for other in near if has_size(other)]
+        others = [other for other in near if not failed_test(other)]
         gain = held_out_log_likelihood(selection.folds(one.fitted)) - held_out_log_likelihood(selection.folds(model))
         own = selection.chance_corrected_gain(one)
         cap = selection.stand_in_cap(one.effect, model.value - one.fitted.value, gain, allowance)
@@ -363,5 +374,7 @@ def suspects(selection: Selection) -> list[Suspected]:
             probability = min(probability, outlier_probability(one.fitted, one.effect))
         stated = min(recalibrated(probability, white=white), selection.max_suspect_probability)
         if stated >= THRESHOLDS.possible:
-            found.append(Suspected(one, stated, gain, tuple(others)))
+            found.append(Suspected(one, stated, gain, tuple(others), failed.copy()))
+        else:
+            leave_out(one, "held-out trials or outliers leave it improbable")
     return sorted(found, key=lambda one: -one.probability)

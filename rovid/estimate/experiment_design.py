@@ -181,7 +181,8 @@ def plan_experiment(
 
 
 def require_thrusters(vehicle: Vehicle) -> None:
-    """Refuse to plan commands for a vehicle without thrusters. Raises DataError if there are no thrusters."""
+    """Refuse to plan commands without thrusters or for a rudder. Raises DataError without, ConfigError for a rudder."""
+    vehicle.require_no_rudder("a run of commands")
     if not vehicle.thrusters:
         text = f"nothing drives the vehicle in {vehicle.axis.name}: there are no commands to plan."
         raise DataError(text, mend="Release it from a large and from a small tilt, at rest and at speed.")

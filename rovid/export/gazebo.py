@@ -25,8 +25,8 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.errors import display_text, shortened_list
-from rovid.core.formatting import TextTemplates, identifiers, xml_attribute, xml_comment
+from rovid.core.errors import shortened_list
+from rovid.core.formatting import TextTemplates, identifiers, xml_comment
 from rovid.core.output_files import export_mark
 from rovid.effects.actuator_inputs import actuator_inputs
 from rovid.export.body_equation import BodyEquation, Scheme
@@ -145,12 +145,13 @@ def _model(
     units, thrusters, topics = [], "", []
     vehicle, _ = subject.thrusters
     names = [one.name for one in vehicle.thrusters]
+    (name_in_topics,) = identifiers(["_".join(re.findall(r"[A-Za-z0-9]+", vehicle.name))])
     for unit in subject.units:
         band = _deadband_thrust(subject, names.index(unit.curve.name))
         units.append(_with_deadband(unit, band))
         if unit.curve.side or isinstance(subject, PlanarInput):
             place, direction = unit.flu
-            topics.append(_topic(vehicle.name, unit.curve.identifier))
+            topics.append(f"/model/{name_in_topics}/joint/{unit.curve.identifier}_joint/cmd_thrust")
             thrusters += _TEXTS["thruster"].format(
                 comment=curve_comment(unit.curve),
                 name=unit.curve.identifier,
@@ -168,7 +169,7 @@ def _model(
         mark=export_mark(name),
         words=xml_comment(vehicle.name),
         title=subject.title,
-        name=xml_attribute(vehicle.name),
+        name=f'"{name_in_topics}"',
         mass=subject.mass,
         izz=izz,
         fluid=f"<fluid_added_mass>{fluid}</fluid_added_mass>" if fluid else "",
@@ -183,12 +184,6 @@ def _model(
         kept_effects=subject.curve_keys,
         notes=(sinks, *subject.frame_notes, *[_NEWTONS.format(shortened_list(topics))] * bool(topics), *notes),
     )
-
-
-def _topic(model: str, thruster: str) -> str:
-    """Topic of the thrust in N, with the characters that Gazebo's `TopicUtils::AsValidTopic` allows."""
-    topic = f"/model/{display_text(model)}/joint/{thruster}_joint/cmd_thrust"
-    return re.sub("@|~|//|:=", "", topic.replace(" ", "_"))
 
 
 def _deadband_thrust(subject: ExportInput | PlanarInput, index: int) -> float:

@@ -326,10 +326,12 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle, overrides: FaultOverrid
     for name, size in _relevant_sizes(runs, estimate).items():
         value, spread = estimate.value(name), estimate.standard_error(name)
         if spread > _UNCERTAIN * max(abs(value), size):
+            mend = f"Let `rovid plan --narrow {name}` write a run, once there is a parameter file"
+            if vehicle.is_steered:
+                mend = "Steer other zigzags and long turns, at small and large angles and several speeds ahead"
             text = (
-                f"Let `rovid plan --narrow {name}` write a run, once there is a parameter file: these logs hardly "
-                f"determine the {name.replace('_', ' ')}, {plus_minus(value, spread)} {estimate.unit(name)} by a first "
-                "regression."
+                f"{mend}: these logs hardly determine the {name.replace('_', ' ')}, {plus_minus(value, spread)} "
+                f"{estimate.unit(name)} by a first regression."
             )
             yield Advice(kind="undetermined", text=text)
 

@@ -32,7 +32,14 @@ from rovid.trial.axis import PLANAR, YAW, Axis, parameter_file_name
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
-CUT_SHORT = "The search ended at the limit of its time, before every cause was tried: repeat it with a larger --budget."
+_CUT_SHORT = (
+    "The search ended at the limit of its time, before every cause was tried: repeat it with a larger --budget, to "
+    "`rovid open` as well."
+)
+_ENDLESS = (
+    "The search ended before every cause was tried, because each addition asked for another one: more time does not "
+    "help, further runs may."
+)
 _ALL_THRUST = "all thrust"
 # Causes of one class that a sentence names; JSON lists all. Convention.
 _CAUSES_NAMED = 4
@@ -74,6 +81,11 @@ def other_causes(finding: Finding) -> list[Alternative | OtherCause]:
     return [other for other in finding.alternatives if not is_signal(other.effect)]
 
 
+def cut_short_sentence(diagnosis: Conclusion) -> str:
+    """Why the search of a ``diagnosis`` was cut short, and what helps."""
+    return _ENDLESS if diagnosis.is_endless else _CUT_SHORT
+
+
 def verdict_sentence(diagnosis: Conclusion, guess: Assumptions) -> str:
     """The result of a diagnosis in one sentence."""
     model = f"The plain model{guess.curve_clause}"
@@ -82,7 +94,7 @@ def verdict_sentence(diagnosis: Conclusion, guess: Assumptions) -> str:
     if diagnosis.verdict == "suspected":
         return f"{model} may miss {cause_name(diagnosis.suspects[0])}."
     if diagnosis.is_cut_short and diagnosis.verdict in ("nothing_found", "unexplained"):
-        return f"Cannot tell yet. {CUT_SHORT}"
+        return f"Cannot tell yet. {cut_short_sentence(diagnosis)}"
     sentences = {
         "nothing_found": "Nothing was found: the model explains these data.",
         "unexplained": f"{model} misses something that no effect of the catalogue explains.",
@@ -248,17 +260,18 @@ def between_command(run: Mapping[str, Any], plan: str = "rovid plan") -> str:
     return " ".join([plan, *(f"--between {shlex.quote(cause)}" for cause in run["between"])])
 
 
-def next_step(diagnosis: Conclusion, run: Mapping[str, Any], guess: Assumptions, plan: str = "rovid plan") -> NextStep:
+def next_step(diagnosis: Conclusion, run: Mapping[str, Any], vehicle: Vehicle, plan: str = "rovid plan") -> NextStep:
     """The next ``run`` of a diagnosis, or that none is needed; ``plan`` is the command that designs a run.
 
-    Where nothing is left but a ``guess``, measuring it comes next.
+    Where nothing is left but a guess, measuring it comes next.
     """
-    if diagnosis.is_settled and guess:
+    if diagnosis.is_settled and vehicle.assumptions:
         reason = "guesses of rovid init decide the values, and an error of a guess may stand for a cause"
-        return NextStep(run=f"measure {guess.listing}", reason=reason)
+        return NextStep(run=f"measure {vehicle.assumptions.listing}", reason=reason)
     if diagnosis.is_settled:
         text = "each is confirmed" if diagnosis.findings else "none was found"
-        text += f"; `{plan}` designs a run for the least certain parameter"
+        if not vehicle.is_steered:
+            text += f"; `{plan}` designs a run for the least certain parameter"
         return NextStep(run="nothing more to run for the causes", reason=text)
     command = between_command(run, plan) if "commands" in run else ""
     return NextStep(run=run["run"], reason=run["reason"], command=command)
@@ -267,7 +280,7 @@ def next_step(diagnosis: Conclusion, run: Mapping[str, Any], guess: Assumptions,
 def cautions(diagnosis: Diagnosis, trials: Sequence[Trial], vehicle: Vehicle) -> Iterator[str]:
     """Reasons to distrust a diagnosis that its causes do not show, a sentence each."""
     if diagnosis.is_cut_short and diagnosis.causes:
-        yield f"{CUT_SHORT} Other causes may act in place of those that were found."
+        yield f"{cut_short_sentence(diagnosis)} Other causes may act in place of those that were found."
     if len(trials) == 1 and trials[0].duration < _SHORT:
         minutes = format_number(trials[0].duration / 60.0, 2)
         yield f"The data are one run of {minutes} min. A second run may give other causes and values."

@@ -251,16 +251,23 @@ class Vehicle:
             items += [f"curve of {thruster.name}"] * thruster.curve_guessed
         return Assumptions(items=tuple(items), thrusters=len(self.thrusters))
 
+    @property
+    def is_steered(self) -> bool:
+        """Whether a rudder or steered wheels act along one axis: `plan`, `control` and `export` refuse the vehicle."""
+        return any(thruster.steering is not None for thruster in self.thrusters)
+
     def require_no_rudder(self, purpose: str) -> None:
         """Refuse a ``purpose`` that needs the torque of each command alone.
 
         Raises ConfigError if there is a rudder, whose torque depends on the speed.
         """
-        for thruster in self.thrusters:
-            if thruster.steering is not None:
-                text = f"{thruster.name} is a rudder: its torque depends on the speed of the vehicle, which {purpose} "
-                mend = "`rovid fit`, `rovid simulate` and `rovid diagnose` take rudders."
-                raise ConfigError(f"{text}does not know.", where="[[rudders]]", mend=mend)
+        if self.is_steered:
+            name = next(thruster.name for thruster in self.thrusters if thruster.steering is not None)
+            text = f"{name} is a rudder: its torque depends on the speed of the vehicle, which {purpose} does not know."
+            mend = (
+                "`rovid fit`, `rovid simulate` and `rovid diagnose` take rudders, and `--axes planar` does everywhere."
+            )
+            raise ConfigError(text, where="[[rudders]]", mend=mend)
 
     @property
     def reference_inertia(self) -> float | None:

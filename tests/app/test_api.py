@@ -77,6 +77,8 @@ def test_a_rudder_is_part_of_the_answer(tmp_path: Path) -> None:
     assert "turns the heading down" in rudder["why"]
     assert (rudder["size"], rudder["value"], rudder["given"]) == ("coefficient", None, False)
     known = one.draft({"logs": ["day"], "rudders": {"rudder": 12.5}})
+    # `plan` and `export` refuse a rudder.
+    assert all(each["line"].split()[1] in {"init", "check", "diagnose", "report"} for each in known["commands"])
     assert "coefficient = 12.5    # N m s^2/(m^2 rad)" in known["text"]
     assert "coefficient of rudder" not in known["survey"]["guessed"]
     # Another role of its column takes it out.
@@ -94,6 +96,7 @@ def test_surge_sway_and_yaw_can_be_taken_together(tmp_path: Path) -> None:
     draft = one.draft(document)
     assert draft["planar"] == ["surge_velocity", "sway_velocity"]
     assert all("--axes planar" in command["line"] for command in draft["commands"])
+    assert draft["commands"][-1]["line"].startswith("rovid export gz-sim")
     assert one.check(document)["verdict"] in {"go", "care"}
     # A placed thruster has its shares along surge and sway from its direction.
     guessed = draft["survey"]["commands"]["csv"]

@@ -92,6 +92,7 @@ def test_from_a_folder_without_rovid_toml_to_the_report(browser: Browser, tmp_pa
         asked.press("Enter")
         page.locator("#now-list button", has_text="Go there").first.click()
         assert page.evaluate("document.activeElement.id") == "t-arm-b"
+        assert "position is not known: b, c." in page.locator("#unplaced").inner_text()
         page.get_by_label("b: ahead, m").fill("0,43")
         page.get_by_label("b: direction, degrees from the bow").fill("90")
         # The answer of the check may move the plots, so nobody drags before it is there.
@@ -154,6 +155,7 @@ def another_folder_clears_all(page: Page, top: Path) -> None:
     page.get_by_role("button", name="Open", exact=True).click()
     page.locator("#trouble", has_text="holds no logs").wait_for()
     headline(page, "Choose the folder")
+    assert not re.search("previously|page …", page.locator("#heard").inner_text())
     for name in ("signals", "thrusters", "check", "run", "result"):
         show_step(page, name)
         assert "hold_03" not in page.locator("main").inner_text()

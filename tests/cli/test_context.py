@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from rovid.cli.context import write_outputs
+from rovid.core.output_files import PLAN, OutputFile, OutputSet
 from rovid.store.load import read_parameters
 from tests.conftest import Rovid
 
@@ -19,6 +21,16 @@ def test_later_commands_find_the_logs_from_any_folder(
     monkeypatch.chdir(tmp_path / "süb dir")
     assert rovid("simulate", "-p", "p.toml", "--json").document["overall"]["yaw_rate_r2"] > 0.99
     assert inertia["chosen"] == "orbit_integral"
+
+
+def test_a_file_of_an_earlier_run_is_not_replaced_without_a_word(tmp_path: Path) -> None:
+    first, other = OutputFile(tmp_path / "plan.csv", PLAN), OutputFile(tmp_path / "other.csv", PLAN)
+    outputs = OutputSet([first, other])
+    one, two = '"time_s",aft\n0,1\n', '"time_s",aft\n0,2\n'
+    assert write_outputs(outputs, {first: one}) == []
+    assert write_outputs(outputs, {first: one}) == []
+    (said,) = write_outputs(outputs, {first: two, other: one})
+    assert said.startswith(f"Replaced the earlier {first.path}.")
 
 
 def test_a_folder_moved_with_its_parameter_file_still_works(day: Path, rovid: Rovid, tmp_path: Path) -> None:

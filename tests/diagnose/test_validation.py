@@ -17,7 +17,7 @@ from rovid.diagnose.cross_validation import HeldOutScores
 from rovid.diagnose.evidence import probability_not_a_stand_in
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import signal_regressors
-from rovid.diagnose.stepwise import StepwiseSearch
+from rovid.diagnose.stepwise import SearchProgress, SearchStop, StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import (
     changes_inertia_alone,
@@ -25,7 +25,9 @@ from rovid.diagnose.validation import (
     first_rejection,
     raises_disturbance,
     report_remainder,
+    search_warnings,
     simulates_worse,
+    suspects,
     within_sampling,
 )
 from rovid.diagnose.wave_test import WaveTest
@@ -393,6 +395,34 @@ def test_a_further_effect_with_a_notable_gain_is_reported(selection: Selection) 
     assert message.startswith("constant torque would gain a log-likelihood of")
     shown = replace(without, inconsistent=(BIAS,))
     assert report_remainder(shown).messages == ()
+
+
+def test_a_cause_with_more_gain_than_a_suspect_has_its_reason(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fitted = selection.model
+    left = (Alternative(UNEQUAL, 60.0, fitted), Alternative(BIAS, 50.0, fitted))
+    monkeypatch.setattr(StepwiseSearch, "further_causes", lambda *_: left)
+    monkeypatch.setattr(validation, "significance", lambda _, effect: 0.5 if effect is UNEQUAL else 9.0)
+    monkeypatch.setattr(validation, "change_in_samples", lambda *_: 1.0)
+    monkeypatch.setattr(Selection, "chance_corrected_gain", lambda _, one: one.bic_gain)
+    monkeypatch.setattr(Selection, "stand_in_cap", lambda *_: 1.0)
+    monkeypatch.setattr(validation, "outlier_probability", lambda *_: 1.0)
+    (suspect,) = suspects(selection.drop(BIAS))
+    assert suspect.alternative.effect is BIAS
+    said = "gains 60 after the parameter penalty, but its size is only 0.5 standard errors: it is not suspected."
+    assert suspect.failed == {UNEQUAL.id: f"{UNEQUAL.title} {said}"}
+
+
+@pytest.mark.parametrize(("stops", "found"), [((), "larger --budget"), ((SearchStop.CUT_SHORT,), "More time does not")])
+def test_more_time_is_asked_for_only_where_it_helps(
+    selection: Selection, stops: tuple[SearchStop, ...], found: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    progress = SearchProgress(stops={*stops, SearchStop.OUT_OF_TIME})
+    monkeypatch.setattr(Selection, "is_out_of_time", True)
+    tested = replace(selection, search=replace(selection.search, progress=progress))
+    (_, said) = search_warnings(tested, [])
+    assert found in said
 
 
 def test_a_gain_with_an_implausible_inertia_is_told(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:

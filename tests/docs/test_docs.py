@@ -22,6 +22,7 @@ from __future__ import annotations
 import contextlib
 import doctest
 import importlib.resources
+import importlib.util
 import inspect
 import io
 import itertools
@@ -416,6 +417,19 @@ def test_the_site_builds_without_a_warning_or_network_and_has_valid_links(tmp_pa
     if has_browser():
         assert_search_answers(site, tmp_path / "profile")
         assert_pages_are_accessible(site)
+
+
+def test_excerpts_of_the_search_have_no_tags() -> None:
+    from docutils import nodes
+
+    spec = importlib.util.spec_from_file_location("docs_search", ROOT / "docs/extensions/search.py")
+    assert spec is not None
+    assert spec.loader is not None
+    search = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(search)
+    tags = (nodes.raw("", one, format="html") for one in ("<sub>", "</sub>"))
+    pieces = [nodes.Text("x·F"), next(tags), nodes.Text("y"), next(tags)]
+    assert search._text(nodes.paragraph("", "", *pieces)) == "x·Fy"  # noqa: SLF001 - entries() needs a whole page
 
 
 # Questions that users have, and the section that answers each.

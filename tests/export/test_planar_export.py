@@ -100,12 +100,12 @@ def test_rovid_replaces_its_own_export(name: str, tmp_path: Path) -> None:
     assert output.signature.matches(output.path)
 
 
-def test_topics_of_gazebo_are_named_as_it_makes_them() -> None:
-    """A space in a name is an underscore in a topic."""
+def test_topics_and_the_model_of_gazebo_have_a_name_that_ros_allows() -> None:
     one = subject()
-    made = load_exporter("gz-sim", planar=True)(replace(one, vehicle=replace(one.vehicle, name="Fähre Nord 2")))
+    made = load_exporter("gz-sim", planar=True)(replace(one, vehicle=replace(one.vehicle, name="Nord 2, tank (wide)")))
     (note,) = (text for text in made.notes if "newtons" in text)
-    assert "/model/Fähre_Nord_2/joint/port_joint/cmd_thrust, /model/Fähre_Nord_2/joint/starboard_joint/" in note
+    assert "/model/Nord_2_tank_wide/joint/port_joint/cmd_thrust, /model/Nord_2_tank_wide/joint/starboard" in note
+    assert '<model name="Nord_2_tank_wide">' in str(made.content)
 
 
 @pytest.mark.slow

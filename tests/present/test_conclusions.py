@@ -20,7 +20,7 @@ from rovid.present.report_data import ReportData
 from rovid.present.sentences import cause_title, cautions, control_verdict, fit_verdict, next_step, verdict_sentence
 from rovid.present.terminal.watch import show_watch_event
 from rovid.store.watch_session import LogsDiagnosed
-from rovid.trial.assumptions import Assumptions
+from rovid.trial.vehicle import Steering
 
 
 def test_no_cause_has_its_id_for_a_title() -> None:
@@ -30,17 +30,21 @@ def test_no_cause_has_its_id_for_a_title() -> None:
 def test_where_every_cause_is_confirmed_nothing_more_is_to_run(lagged: ReportData) -> None:
     diagnosis = lagged.diagnosis
     assert diagnosis is not None
-    assert next_step(diagnosis, next_experiment(diagnosis), Assumptions()).run == "nothing more to run for the causes"
+    assert next_step(diagnosis, next_experiment(diagnosis), lagged.vehicle).run == "nothing more to run for the causes"
     nothing = replace(diagnosis, verdict="nothing_found", findings=())
-    step = next_step(nothing, next_experiment(nothing), Assumptions())
+    step = next_step(nothing, next_experiment(nothing), lagged.vehicle)
     assert step.run == "nothing more to run for the causes"
     assert step.reason.startswith("none was found; `rovid plan` designs")
-    guess = Assumptions(items=("curve of aft",), thrusters=1)
+    wheel = Steering(speed="surge_velocity", size=2.0, wheels=False)
+    steered = replace(lagged.vehicle, thrusters=(replace(lagged.vehicle.thrusters[0], steering=wheel),))
+    assert "rovid plan" not in str(next_step(nothing, next_experiment(nothing), steered))
+    guessed = replace(lagged.vehicle.thrusters[0], name="aft", curve_guessed=True)
+    guess = replace(lagged.vehicle, thrusters=(guessed,))
     assert next_step(diagnosis, next_experiment(diagnosis), guess).run == "measure curve of aft"
     (finding,) = diagnosis.findings
     suspect = replace(finding, probability=0.5)
     doubtful = replace(diagnosis, verdict="suspected", findings=(), suspects=(suspect,))
-    open_question = next_step(doubtful, next_experiment(doubtful), Assumptions())
+    open_question = next_step(doubtful, next_experiment(doubtful), lagged.vehicle)
     assert open_question.run == finding.effect.experiment
     assert not open_question.command
 
@@ -53,10 +57,14 @@ def test_a_search_that_the_budget_ended_claims_nothing_about_what_it_did_not_try
     used_up = BudgetUse(seconds=5.0, used=4.0, not_tried=("thruster_lag",))
     diagnosis = replace(lagged.diagnosis, verdict=verdict, findings=(), suspects=(), budget=used_up)
     assert verdict_sentence(diagnosis, lagged.vehicle.assumptions).startswith("Cannot tell yet.")
-    assert "larger --budget" in next_step(diagnosis, next_experiment(diagnosis), Assumptions()).run
+    assert "larger --budget" in next_step(diagnosis, next_experiment(diagnosis), lagged.vehicle).run
     screen = summarize(replace(lagged, diagnosis=diagnosis))
     assert "Cannot tell yet" in screen.headline
     assert "before every cause was tried" in screen.no_cause
+    endless = replace(diagnosis, is_endless=True)
+    said = verdict_sentence(endless, lagged.vehicle.assumptions)
+    assert "each addition asked for another one" in said
+    assert "--budget" not in said + str(next_step(endless, next_experiment(endless), lagged.vehicle))
     named = replace(lagged.diagnosis, budget=used_up)
     assert any("before every cause was tried" in text for text in cautions(named, (), lagged.vehicle))
     study = cast("Any", SimpleNamespace(vehicle=lagged.vehicle))

@@ -71,7 +71,7 @@ function clear() {
   thrusters = new Map();
   [vehicle, title, size, stretches, shownColumns, timeUnit] = ["", "", {}, [], [], "auto"];
   for (const id of ["rows", "check-said", "check-more", "run-steps", "run-warnings", "leave-list", "not-read", "senses", "commands", "toml", "log", "leave-log"]) byId(id).replaceChildren();
-  for (const id of ["logs-found", "columns-said", "span", "curve", "save-words", "save-said", "run-said", "run-now", "run-error"]) byId(id).textContent = "";
+  for (const id of ["logs-found", "columns-said", "span", "curve", "save-words", "save-said", "run-said", "run-now", "run-error", "heard"]) byId(id).textContent = "";
   for (const id of ["run-error", "run-progress", "axes"]) byId(id).hidden = true;
   byId("run-said").dataset.state = "";
   document.querySelector("input[name=axes][value='']").checked = true;
@@ -427,6 +427,8 @@ function showThrusters() {
     body.replaceChildren(...names.map(thrusterRow));
   }
   for (const row of body.rows) fillRow(row, thrusters.get(row.dataset.name));
+  const unplaced = names.filter((name) => !thrusters.get(name).placed);
+  byId("unplaced").textContent = unplaced.length ? `Drawn hollow at an assumed place, because the position is not known: ${unplaced.join(", ")}. ` : "";
   const notes = [];
   const every = Object.values(draft?.survey.commands ?? {}).flat();
   for (const [name, one] of thrusters) {

@@ -200,7 +200,7 @@ def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]
     if found is not None:
         warnings = warnings if found.extended is None else found.warnings
         plan = sentences.plan_command(report.stored.path, PLANAR)
-        step = sentences.next_step(found, next_planar_experiment(found), guess, plan)
+        step = sentences.next_step(found, next_planar_experiment(found), study.vehicle, plan)
     manoeuvres: list[ResultTable] = []
     if not is_yaw_alone(study.data):
         manoeuvres = run_manoeuvre_tables(run_manoeuvres(fit.model, study.data))

@@ -107,7 +107,7 @@ def summarize(report: ReportData) -> PageSummary:
         headline = sentences.verdict_sentence(diagnosis, report.vehicle.assumptions)
         models = f"{sentences.PLAIN_MODEL} {sentences.EXTENDED_MODEL}" if report.extended else sentences.PLAIN_MODEL
         plan = sentences.plan_command(report.parameters.path, report.axis)
-        step = sentences.next_step(diagnosis, next_experiment(diagnosis), report.vehicle.assumptions, plan)
+        step = sentences.next_step(diagnosis, next_experiment(diagnosis), report.vehicle, plan)
         warned = list(sentences.cautions(diagnosis, report.trials, report.vehicle))
     return PageSummary(
         headline=headline,
@@ -169,7 +169,7 @@ def _error_sentence(report: ReportData, errors: Sequence[ErrorBars]) -> str:
 def _reasons(diagnosis: Diagnosis, report: ReportData) -> Iterator[Reason]:
     axis, trials = report.axis, report.trials
     for finding in diagnosis.causes:
-        of_sensor = "; or the sensor lags" if delays_of_the_sensor(trials, (finding,)) else ""
+        of_sensor = "; thrust or sensor may be late" if delays_of_the_sensor(trials, (finding,)) else ""
         names = [sentences.effect_title(effect, axis) for effect in (finding.effect, *finding.indistinguishable)]
         yield Reason(
             title=join_words(names, "or"),
@@ -189,7 +189,7 @@ def _no_cause_sentence(report: ReportData) -> str:
     if diagnosis.missing:
         return diagnosis.missing
     if diagnosis.is_cut_short and not diagnosis.causes:
-        return sentences.CUT_SHORT
+        return sentences.cut_short_sentence(diagnosis)
     if diagnosis.verdict == "unexplained":
         return "No effect of the catalogue explains the remaining error, and it follows no logged signal."
     if diagnosis.verdict != "nothing_found":

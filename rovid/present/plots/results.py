@@ -153,7 +153,7 @@ def draw_commands(panel: Axes, plan: ExperimentPlan) -> None:
         dashes, colour = ("-", "--", ":", "-.")[place % 4], (canvas.BLACK, canvas.GREY)[place // 4 % 2]
         time, commands = plan.best.run.time, plan.best.run.commands[:, place]
         panel.step(time, commands, dashes, where="post", color=colour, linewidth=1.0, label=name)
-    panel.set_ylabel("command")
+    panel.set_ylabel("command,\nlogged unit")
 
 
 def plan_picture(plan: ExperimentPlan, axis: Axis) -> bytes:

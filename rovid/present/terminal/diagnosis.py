@@ -70,6 +70,7 @@ def show_verdict(console: Console, diagnosis: result.Conclusion, guess: Assumpti
 def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehicle) -> None:
     """Print the verdict, the causes with their evidence, the improvement, and the next run."""
     axis, guess = vehicle.axis, vehicle.assumptions
+    step = sentences.next_step(diagnosis, result.next_experiment(diagnosis), vehicle)
     show_verdict(console, diagnosis, guess)
     if diagnosis.extended is not None:
         extended_words = f" {sentences.EXTENDED_MODEL}" if diagnosis.extended.model.effects else ""
@@ -77,7 +78,7 @@ def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehic
     if diagnosis.missing:
         print_text(console, diagnosis.missing)
     if diagnosis.verdict == "bad_logs":
-        print_labelled(console, "Next:", str(sentences.next_step(diagnosis, result.next_experiment(diagnosis), guess)))
+        print_labelled(console, "Next:", str(step))
         return
     if diagnosis.from_tables is not None:
         tables.predictions_table(diagnosis.from_tables).print(console, guess)
@@ -109,7 +110,7 @@ def show_diagnosis(console: Console, diagnosis: result.Diagnosis, vehicle: Vehic
     print_text(console, f"cannot be found from these data: {'; '.join(unidentifiable.values())}")
     if "thrust_scale" in unidentifiable and vehicle.thrusters:
         print_text(console, "A pull, a lift or a step of inertia determines the factor on all thrust: fit-thrust-scale")
-    print_labelled(console, "Next:", str(sentences.next_step(diagnosis, result.next_experiment(diagnosis), guess)))
+    print_labelled(console, "Next:", str(step))
 
 
 def _show_causes(console: Console, diagnosis: result.Conclusion) -> None:
@@ -292,7 +293,9 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: P
         print_text(console, f"left unexplained, in percent of the variance of all forces: {', '.join(shares)}")
     if diagnosis.verdict != "bad_logs" and not study.vehicle.thrust_scale_error:
         print_text(console, f"cannot be found from these data: {result.UNIDENTIFIABLE['thrust_scale']}")
-    print_labelled(console, "Next:", str(sentences.next_step(diagnosis, next_planar_experiment(diagnosis), guess)))
+    plan = "rovid plan --axes planar"
+    step = sentences.next_step(diagnosis, next_planar_experiment(diagnosis), study.vehicle, plan)
+    print_labelled(console, "Next:", str(step))
     show_warnings(console, [*study.remarks(), *diagnosis.warnings])
 
 

@@ -14,7 +14,7 @@ from rovid.present import console as printing
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.documents.fits import Document, fields, fit_document, parameter_document
 from rovid.present.number_format import DASH, format_number
-from rovid.present.sentences import CUT_SHORT, cause_name, evidence_words, verdict_sentence
+from rovid.present.sentences import cause_name, cut_short_sentence, evidence_words, verdict_sentence
 from rovid.store import watch_session
 from rovid.store.folder_monitor import Problem, WatchedLog
 from rovid.trial.fault import stopping
@@ -154,7 +154,7 @@ def _show_diagnosis(console: Console, event: watch_session.LogsDiagnosed) -> Non
     for finding in diagnosis.causes:
         printing.print_text(console, f"  {cause_name(finding)}: {evidence_words(finding)}", 4)
     if diagnosis.is_cut_short and diagnosis.causes:
-        printing.print_text(console, CUT_SHORT, 2)
+        printing.print_text(console, cut_short_sentence(diagnosis), 2)
     fitted = None if event.fit is None else event.fit.estimate
     if extended is not None and diagnosis.findings and (fitted is None or extended.estimate.names != fitted.names):
         printing.print_labelled(console, "Extended model, with these causes:")

@@ -41,7 +41,7 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: ReportData) -> None:
     assert reason.size.startswith("time constant 0.8")
     assert reason.size.endswith("\u00a0s")
     assert reason.sure.startswith("confirmed: size ")
-    assert reason.sure.endswith("; or the sensor lags")  # no gyro is logged
+    assert reason.sure.endswith("; thrust or sensor may be late")  # no gyro is logged
     lost = [round(100 * (1 - gain.bars[1].share)) for gain in answer.gains]
     said = f"heading error {lost[0]} % smaller, yaw rate error {lost[1]} % smaller"
     assert answer.improvement == f"On trials that were not fitted: {said}."
