@@ -91,7 +91,9 @@ class Assumptions:
         elif self.ratios_hold:
             condition = " if these arms are equal in size" if self.thrusters > 1 else ""
             consequence = f"Inertia, drag and every torque are placeholders; ratios and times hold{condition}."
-        return f"Guessed by rovid init, not measured: {self.listing}. {consequence}"
+        none_guessed = all(item.startswith("coefficient of ") for item in self.items)
+        lead = "Not measured" if none_guessed else "Guessed by rovid init, not measured"
+        return f"{lead}: {self.listing}. {consequence}"
 
     @property
     def file_notice(self) -> str:

@@ -587,7 +587,7 @@ function showCheck() {
     folded.addEventListener("toggle", () => { for (const spot of checked.spots) drawSpot(spot, folded); }, { once: true });
   }
   if (notes.length) {
-    const items = element("ul", "", fold(`${notes.length} more remarks`));
+    const items = element("ul", "", fold(`${notes.length} more remark${notes.length > 1 ? "s" : ""}`));
     for (const note of notes) element("li", note, items);
   }
   headlines();
@@ -849,7 +849,11 @@ function headlines(reading = "") {
   if (reading) [words, busy] = [reading, true];
   else if (running) [words, busy] = ["Fitting and diagnosing …", true];
   else if (!draft) words = "Choose the folder that holds your logs.";
-  else if (needed.length) words = needed.length > 1 ? `${needed.length} questions are open.` : "One question is open.";
+  else if (needed.length) {
+    const rest = asked.length - needed.length, values = rest > 1 ? `${rest} values are` : "one value is";
+    words = needed.length > 1 ? `${needed.length} questions are open` : "One question is open";
+    words += rest ? `, and ${values} not measured.` : ".";
+  }
   else if (state === "done" && (saved || theirs())) words = "Done: here is the report.";
   else if (state === "failed" && (saved || theirs())) {
     [words, verdict] = ["The run failed.", "no_go"];

@@ -72,9 +72,6 @@ def show_check(console: Console, checked: LogCheck | PlanarCheck) -> None:
                 direction = _DIRECTIONS[observed.direction]
                 table.add_row(thruster.name, direction, f"{abs(observed.t_statistic):.0f}", f"{share:.0f}")
             console.print(table)
-    problems = _merged_problems(checked.problems)
-    if len(problems) > 1 and isinstance(checked, LogCheck):
-        show_warnings(console, problems)
     show_warnings(console, check_notes(checked))
 
 
@@ -98,6 +95,7 @@ def check_tasks(checked: CheckedLogs) -> Iterator[str]:
         count = f"{bad} of {bad + len(checked.trials)} logs cannot be used"
         if len(problems) > 1:
             yield f"{count} (reasons below): {shortened_list(list(checked.problems))}."
+            yield from problems
         else:
             yield f"{count}. {problems[0]}" if bad > 1 else problems[0]
     yield from (advice.text for advice in checked.advice if advice.weight != "aside")

@@ -77,7 +77,7 @@ def test_what_keeps_many_logs_from_being_used_is_told_once() -> None:
     lines = printed(problems={**alike, **cut})
     assert lines[1].startswith("1. 11 of 12 logs cannot be used (reasons below): bad_0.csv, ")
     assert sum("'hdg'" in line for line in lines) == 1
-    assert "Note: cut.csv:17, short.csv:4: is cut." in lines
+    assert "3. cut.csv:17, short.csv:4: is cut." in lines
 
 
 def test_no_runs_are_wanted_while_logs_cannot_be_read(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
