@@ -113,7 +113,7 @@ class FormState:
             if chosen is not None and (guess is None or guess.source != chosen.source):
                 headings.append(chosen.source)
         commands = self.overrides.commands or frozenset()
-        known = {command.source for command in all_commands(guessed.mappings)}
+        known = {*guessed.left_out.commands, *(command.source for command in all_commands(guessed.mappings))}
         return tuple(headings), () if commands <= known else tuple(sorted(commands))
 
 

@@ -81,7 +81,8 @@ def config_text(survey: LogSurvey) -> str:
 
 def log_count_text(survey: LogSurvey) -> str:
     """Number of logs in words, as "3 logs"."""
-    return "one log" if survey.logs == 1 else f"{survey.logs} logs"
+    more = f" ({survey.unread} more not read)" if survey.unread else ""
+    return ("one log" if survey.logs == 1 else f"{survey.logs} logs") + more
 
 
 def assumptions_in(survey: LogSurvey) -> Assumptions:
@@ -337,7 +338,10 @@ def _join(survey: LogSurvey) -> Iterator[str]:
 
 
 def _exclusions(survey: LogSurvey) -> Iterator[str]:
-    for exclusion in survey.overrides.exclusions:
+    if survey.left_out.text:
+        yield ""
+        yield from (f"# {line}" for line in wrap(survey.left_out.text, _WIDTH))
+    for exclusion in (*survey.left_out.exclusions, *survey.overrides.exclusions):
         yield from config_lines("exclusion", log=toml_text(exclusion.log), begin=f"{exclusion.begin:.10g}")
         if math.isfinite(exclusion.end):
             yield f"to = {exclusion.end:.10g}"

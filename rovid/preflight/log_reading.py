@@ -61,6 +61,7 @@ class LogsRead:
     file_clocks: dict[str, str] = field(default_factory=dict)
     parameters: dict[str, dict[str, float]] = field(default_factory=dict)  #: Format -> parameters of the autopilot.
     problems: list[str] = field(default_factory=list)
+    unread: Counter[str] = field(default_factory=Counter)  #: Format -> number of further files, which were not read.
     join: Join | None = None  #: How files form trials, if no file holds both the motion and the commands.
 
 
@@ -79,7 +80,10 @@ def read_logs(
     for path in log_files(paths, read.problems):
         kind = READERS[path.suffix.lower()].kind
         logs = read.logs.setdefault(kind, [])
-        if len(logs) >= _MAX_LOGS or is_thrust_curve(path):
+        if is_thrust_curve(path):
+            continue
+        if len(logs) >= _MAX_LOGS:
+            read.unread[kind] += 1
             continue
         pair = column_names(path) if path.suffix.lower() == ".csv" else ()
         if len(pair) == 2 and name_words(pair[1]) & _THRUST and not name_words(pair[0]) & CLOCK_WORDS:

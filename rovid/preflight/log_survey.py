@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.core.errors import DataError, RovidError, shortened_list, suggestion
+from rovid.core.errors import DataError, RovidError, suggestion
 from rovid.core.input_files import list_files, require_exists
 from rovid.core.output_files import CONFIG, OutputFile
 from rovid.preflight.axis_guess import PlanarGuess, further_thrusters, guess_planar
 from rovid.preflight.clock_alignment import ClockOffsets
+from rovid.preflight.command_sets import LeftOut, incomplete_logs, leave_out, match_commands
 from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs, resolve_source
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
@@ -102,7 +103,9 @@ class LogSurvey:
     curves: tuple[str, ...]  #: Names of the thrust curves in the folder; empty without commands.
     new_curve: ThrustCurve | None  #: Curve to write under that name; None if the file exists.
     curve_guessed: bool  #: Whether the curve is a guess.
-    logs: int  #: Number of logs read.
+    #: ``logs``, ``unread``: number of logs read, and of further files of the same formats.
+    logs: int
+    unread: int = 0
     axis: Axis = YAW  #: Degree of freedom.
     #: ``profile``, ``profile_guessed``: type of vehicle, None if not known; whether it was guessed from the outputs
     #: that turn the vehicle.
@@ -114,6 +117,7 @@ class LogSurvey:
     clock_offsets: ClockOffsets = field(default_factory=ClockOffsets)
     #: Files that are no logs or cannot be read, contradictions, and logs without a mapped signal.
     warnings: tuple[str, ...] = ()
+    left_out: LeftOut = field(default_factory=LeftOut)  #: Logs of other commands.
     overrides: UserOverrides = field(default_factory=UserOverrides)
     #: Format -> what surge and sway together with yaw need besides.
     planar: Mapping[str, PlanarGuess] = field(default_factory=dict)
@@ -137,10 +141,12 @@ class LogSurvey:
 
     @property
     def unknown_directions(self) -> tuple[str, ...]:
-        """Sources of commands with an unknown direction."""
+        """Sources of commands with an unknown direction, one for each thruster."""
         rudders = (rudder for mapping in self.mappings.values() for rudder in mapping.rudders)
         unknown = [rudder.angle.source for rudder in rudders if not rudder.direction_known]
-        return (*(one.source for one in all_commands(self.mappings) if not one.direction_known), *unknown)
+        known = {one.name for one in all_commands(self.mappings) if one.direction_known}
+        commands = {one.name: one.source for one in reversed([*all_commands(self.mappings)]) if one.name not in known}
+        return (*reversed(commands.values()), *unknown)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,8 +203,10 @@ def survey_read_logs(
         for kind, mapping in mappings.items():
             further = further_thrusters(read.logs[kind], set(mapping.sources), mapping.commands)
             mappings[kind] = replace(mapping, commands=(*mapping.commands, *further)).of(mapping.unused)
+    found = mappings = match_commands(read, mappings)
     if overrides is not None:
-        mappings = overrides.apply_to(mappings)
+        mappings = overrides.apply_to(found)
+    mappings, left_out = leave_out(read, found, mappings, planar=options.planar)
     commands = list(all_commands(mappings))
     driven = [command for command in commands if not command.is_motor]
     curves, new_curve, is_guess = thrust_curves(read.folder, driven, profile, read.problems)
@@ -225,14 +233,17 @@ def survey_read_logs(
         profile_guessed=guessed is not None,
         join=read.join,
         logs=sum(map(len, read.logs.values())),
+        unread=read.unread.total(),
         warnings=(
             *dict.fromkeys(read.problems),
             *([f"time: {reason}."] * bool(reason)),
             *(f"{one.source} is taken for the heading: {one.reason}." for one in measured if UNNAMED in one.reason),
             *(command.contradiction for command in commands if command.contradiction),
             *(remark for mapping in mappings.values() for remark in mapping.remarks),
-            *_incomplete_logs(read, mappings),
+            *incomplete_logs(read, mappings, left_out.names),
+            *([left_out.text] * bool(left_out.text)),
         ),
+        left_out=left_out,
         overrides=overrides or UserOverrides(),
         planar=planar,
         with_planar=options.planar,
@@ -313,21 +324,6 @@ def all_commands(mappings: Mapping[str, ColumnMapping]) -> Iterator[ThrusterComm
     """Commands of every format."""
     for mapping in mappings.values():
         yield from mapping.commands
-
-
-def _incomplete_logs(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> Iterator[str]:
-    """Warning for each log without a mapped signal or command."""
-    for kind, mapping in mappings.items():
-        turning = [command for command in mapping.commands if command.direction]
-        mapped = [one.source for one in (*mapping.signals.values(), *(turning or mapping.commands))]
-        mapped += [rudder.angle.source for rudder in mapping.rudders]
-        without: dict[str, list[str]] = {}
-        for name, log in zip(read.names[kind], read.logs[kind], strict=True):
-            if lacking := ", ".join(source for source in mapped if source not in log):
-                without.setdefault(lacking, []).append(name)
-        for lacking, names in without.items():
-            verbs = ("holds", "is it") if len(names) == 1 else ("hold", "are they")
-            yield f"{shortened_list(names)}: {verbs[0]} no {lacking}; {verbs[1]} of another vehicle?"
 
 
 def config_output(paths: Sequence[Path]) -> OutputFile:

@@ -293,9 +293,12 @@ def examine_campaign(trials: Sequence[Trial], config: Config) -> tuple[Sequence[
 
 def read_trials(path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
     """The used parts of a log: one trial, or several with exclusions between them."""
-    parts = split(read_log(path, config, name), config.exclusions)
+    # A log that is not used need not hold what rovid.toml maps.
+    unused = next((one for one in config.exclusions if one.applies_to(name) and one.is_whole), None)
+    parts = [] if unused else split(read_log(path, config, name), config.exclusions)
     if not parts:
-        remarks.append(left_out(name, "rovid.toml excludes all of it"))
+        reason = f" ({unused.reason})" if unused and unused.reason else ""
+        remarks.append(left_out(name, f"rovid.toml excludes all of it{reason}"))
     return parts
 
 

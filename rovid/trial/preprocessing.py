@@ -37,6 +37,11 @@ class Exclusion:
     end: float = np.inf
     reason: str = ""  #: Text for people; may be empty.
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether no part of the log is left."""
+        return self.begin <= 0.0 and self.end == np.inf
+
     def __str__(self) -> str:
         """The interval, as "12 to 30.5 s"."""
         if np.isfinite(self.end):
