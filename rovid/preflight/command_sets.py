@@ -131,6 +131,8 @@ def _on_grid(log: Log, commands: Collection[ThrusterCommand], step: float) -> Fl
     for one in commands:
         column = log[one.source]
         known = np.isfinite(column.values)
+        if not known.any():
+            return np.empty((len(commands), 0))
         rows.append(held_mean(column.time[known], column.values[known] - one.neutral, edges))
     return np.array(rows)
 
@@ -152,7 +154,9 @@ def leave_out(
 
     If no log holds the commands of all thrusters, those of most logs stay, or of most samples.
     """
-    if read.join is not None or any(one.actuation - {c.source for c in one.commands} for one in mappings.values()):
+    drives = any(one.actuation - {command.source for command in one.commands} for one in mappings.values())
+    names = list(itertools.chain(*read.names.values()))
+    if read.join is not None or drives or len(set(names)) < len(names):
         return dict(mappings), LeftOut()
     every = [command for mapping in mappings.values() for command in mapping.commands]
     turning = {command.name for command in every if command.direction}

@@ -40,8 +40,10 @@ def table(path: Path, seed: int, names: tuple[str, str] = ("pwm1_us", "pwm2_us")
     )
 
 
-def recording(path: Path, seed: int, fields: tuple[str, str] = ("C1", "C2")) -> None:
+def recording(path: Path, seed: int, fields: tuple[str, ...] = ("C1", "C2")) -> None:
+    """A log in another format; further ``fields`` are commands that do not turn the vehicle."""
     heading, *commands = run(seed)
+    commands += [run(seed + at)[1] for at in range(2, len(fields))]
     output = io.BytesIO()
     writer = Writer(output)
     writer.start()
@@ -76,6 +78,25 @@ def test_further_logs_of_other_runs_do_not_hinder_the_match(tmp_path: Path) -> N
     table(tmp_path / "dive.csv", 1)
     recording(tmp_path / "dive.mcap", 1)
     table(tmp_path / "other.csv", 2)
+    assert {name for name, _ in commands_of(survey([tmp_path]))["mcap"]} == {"pwm1", "pwm2"}
+
+
+def test_a_table_may_hold_a_part_of_the_commands(tmp_path: Path) -> None:
+    table(tmp_path / "dive.csv", 1)
+    recording(tmp_path / "dive.mcap", 1, ("C1", "C2", "C3"))
+    found, _ = write_config(survey([tmp_path]), [tmp_path], force=False)
+    assert [name for name, _ in commands_of(found)["mcap"]] == ["pwm1", "pwm2", "c3"]
+    checked = check_logs([tmp_path], load_config(tmp_path / "rovid.toml"))
+    assert (checked.problems, [fault.fault for fault in checked.faults]) == ({}, ["same_run_twice"])
+
+
+def test_a_log_whose_command_is_empty_is_no_error(tmp_path: Path) -> None:
+    for name, seed in (("dive", 1), ("other", 2)):
+        table(tmp_path / f"{name}.csv", seed)
+    lines = (tmp_path / "other.csv").read_text().splitlines()
+    emptied = [lines[0], *(",".join([*line.split(",")[:-1], ""]) for line in lines[1:])]
+    (tmp_path / "other.csv").write_text("\n".join(emptied) + "\n")
+    recording(tmp_path / "dive.mcap", 1)
     assert {name for name, _ in commands_of(survey([tmp_path]))["mcap"]} == {"pwm1", "pwm2"}
 
 
