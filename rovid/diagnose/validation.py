@@ -14,6 +14,7 @@ import numpy as np
 
 from rovid.diagnose.candidate_fits import (
     Alternative,
+    FitCache,
     bic_score,
     has_parameter_at_bound,
     is_at_bound,
@@ -319,6 +320,15 @@ def _stands_in(one: Alternative, better: Alternative, search: StepwiseSearch) ->
     return gain < THRESHOLDS.stand_in_share * one.bic_gain
 
 
+def _next_to_waves(selection: Selection) -> FitResult | None:
+    """One-step fit of the wave test, without effects that the model has lost since; None without a test."""
+    if selection.waves is None:
+        return None
+    fitted, kept = selection.waves.likelier, {effect.key for effect in selection.model.effects}
+    lost = [effect for effect in fitted.effects if not (effect.is_wave or effect.key in kept)]
+    return FitCache().without(fitted, *lost)
+
+
 def suspects(selection: Selection) -> list[Suspected]:
     """Likely or possible causes next to the selected model, the most probable first.
 
@@ -331,6 +341,7 @@ def suspects(selection: Selection) -> list[Suspected]:
     inconsistent = [one for one in left if one.effect.id in ids]
     left = [one for one in left if one.bic_gain > 0.0 and one.effect.id not in ids | imitated]
     allowance = search.misspecification_allowance(model, white=white)
+    next_to_waves = _next_to_waves(selection)
 
     def posterior(equivalent: Collection[Alternative], excess: float = 0.0, cap: float = 1.0) -> float:
         gains = {one.effect.id: selection.chance_corrected_gain(one) - allowance - excess for one in left}
@@ -346,7 +357,7 @@ def suspects(selection: Selection) -> list[Suspected]:
             return "it changes the simulation less than the sampling of the logs does"
         if any(_stands_in(one, better, search) for better in inconsistent if better.bic_gain > one.bic_gain):
             return "it loses most of its gain next to a cause that one-step predictions exclude"
-        if selection.waves is None or has_consistent_size(one.fitted, selection.waves.likelier, one.effect):
+        if next_to_waves is None or has_consistent_size(one.fitted, next_to_waves, one.effect):
             return ""
         return "one-step predictions show less of it"
 

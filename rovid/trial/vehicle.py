@@ -265,7 +265,8 @@ class Vehicle:
             name = next(thruster.name for thruster in self.thrusters if thruster.steering is not None)
             text = f"{name} is a rudder: its torque depends on the speed of the vehicle, which {purpose} does not know."
             mend = (
-                "`rovid fit`, `rovid simulate` and `rovid diagnose` take rudders, and `--axes planar` does everywhere."
+                "`rovid fit`, `simulate` and `diagnose` take rudders. With speeds ahead and sideways in the logs, "
+                "`--axes planar` of `fit`, `plan` and `export` takes them, too."
             )
             raise ConfigError(text, where="[[rudders]]", mend=mend)
 

@@ -414,6 +414,17 @@ def test_a_cause_with_more_gain_than_a_suspect_has_its_reason(
     assert suspect.failed == {UNEQUAL.id: f"{UNEQUAL.title} {said}"}
 
 
+def test_a_suspect_s_size_is_compared_without_effects_that_were_dropped(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Next to another effect a size is another one."""
+    compared = list[FitResult]()
+    monkeypatch.setattr(validation, "has_consistent_size", lambda _, one_step, __: compared.append(one_step) or True)
+    dropped = replace(selection.drop(BIAS), waves=WaveTest(selection.model, ()))
+    assert suspects(dropped)[0].alternative.effect is BIAS
+    assert {fitted.effects for fitted in compared} == {()}
+
+
 @pytest.mark.parametrize(("stops", "found"), [((), "larger --budget"), ((SearchStop.CUT_SHORT,), "More time does not")])
 def test_more_time_is_asked_for_only_where_it_helps(
     selection: Selection, stops: tuple[SearchStop, ...], found: str, monkeypatch: pytest.MonkeyPatch
