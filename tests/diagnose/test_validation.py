@@ -419,7 +419,12 @@ def test_a_suspect_s_size_is_compared_without_effects_that_were_dropped(
 ) -> None:
     """Next to another effect a size is another one."""
     compared = list[FitResult]()
-    monkeypatch.setattr(validation, "has_consistent_size", lambda _, one_step, __: compared.append(one_step) or True)
+
+    def consistent(_: FitResult, one_step: FitResult, __: Effect) -> bool:
+        compared.append(one_step)
+        return True
+
+    monkeypatch.setattr(validation, "has_consistent_size", consistent)
     dropped = replace(selection.drop(BIAS), waves=WaveTest(selection.model, ()))
     assert suspects(dropped)[0].alternative.effect is BIAS
     assert {fitted.effects for fitted in compared} == {()}
