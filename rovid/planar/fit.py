@@ -290,6 +290,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         from_prior=prior.decided,
     )
     estimate = replace(estimate, warnings=(*place_entries(estimate, best.effects), *estimate.warnings))
+    estimate = estimate.with_assumptions(data.vehicle.assumptions, data.vehicle.relative_scale_error)
     numbers = coordinates.noise(best.x)
     disturbance = {
         name: (float(numbers[at]), float(numbers[NOISE_TIME + at]))

@@ -231,9 +231,7 @@ class PlanarStudy:
         if self.data.actuators.steered:
             effects = tuple(map(in_angles, effects))
         self._require_possible(effects)
-        fit = fit_planar(self.data, effects)
-        vehicle = self.vehicle
-        return replace(fit, estimate=fit.estimate.with_assumptions(vehicle.assumptions, vehicle.relative_scale_error))
+        return fit_planar(self.data, effects)
 
     def _require_possible(self, effects: Sequence[Effect]) -> None:
         known = {form.key for form in (*PLANAR_FORMS, *planar_candidates(self.data))}

@@ -274,7 +274,7 @@ class Study:
             extended=diagnosis.extended and self._marked(diagnosis.extended),
             findings=tuple(map(self._marked, diagnosis.findings)),
             suspects=tuple(map(self._marked, diagnosis.suspects)),
-            warnings=tuple(warnings),
+            warnings=tuple(map(self.vehicle.assumptions.mark_sentence, warnings)),
         )
 
 

@@ -294,3 +294,11 @@ def test_a_model_misses_much_where_likelihood_and_simulations_fail(
     best: Any = SimpleNamespace(is_white=white, limited=np.array([False, limited]), model=None)
     data: Any = None
     assert free_runs.misses_much(best, data) is expected
+
+
+def test_results_of_guessed_arms_are_placeholders(small: tuple[PlanarData, PlanarOptimum]) -> None:
+    data, base = small
+    thrusters = tuple(replace(one, arm_guessed=True) for one in data.vehicle.thrusters)
+    guessed = replace(data, vehicle=replace(data.vehicle, thrusters=thrusters))
+    assert planar_result(guessed, base).estimate.is_placeholder("yaw.inertia")
+    assert not planar_result(data, base).estimate.is_placeholder("yaw.inertia")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 
 from rovid.core.errors import ConfigError, DataError
 from rovid.core.output_files import PLAN, OutputFile, OutputSet
+from rovid.diagnose import log_rivals
+from rovid.diagnose.result import Diagnosis
 from rovid.effects import effect_named
 from rovid.store.study import Study, input_files, open_study
 from rovid.trial.axis import AXES
@@ -64,6 +67,15 @@ def test_tables_have_no_time_series(tables: Study) -> None:
         tables.likelihood()
     with pytest.raises(ConfigError, match=r"--axis: .*is a table of yaw"):
         open_study([PAPER], axis=AXES["surge"])
+
+
+def test_notes_of_a_diagnosis_mark_numbers_of_guessed_arms(logs: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    note = "This may change the inertia by up to 6.7 kg m^2."
+    monkeypatch.setattr(log_rivals, "diagnose_logs", lambda *_: Diagnosis(verdict="too_little_data", warnings=(note,)))
+    thrusters = tuple(replace(one, arm_guessed=True) for one in logs.vehicle.thrusters)
+    guessed = replace(logs, vehicle=replace(logs.vehicle, thrusters=thrusters))
+    assert guessed.diagnosis().warnings == ("This may change the inertia by up to guessed 6.7 kg m^2.",)
+    assert logs.diagnosis().warnings == (note,)
 
 
 def test_input_files_are_logs_config_and_curves_but_no_plan(tmp_path: Path) -> None:

@@ -231,7 +231,7 @@ def _render(report: PlanarReport, figures: Mapping[str, page_files.ReportFigure]
         "missing": of_kind("missing"),
         "manoeuvres": manoeuvres,
         "curve": of_kind("turning_curve"),
-        "parameters": planar_parameters_table(report.stored),
+        "parameters": planar_parameters_table(report.stored, guess),
         "without": planar_simulation_table(report.before) if report.base is not fit else None,
         "simulations": planar_simulation_table(report.after),
         "faults": fault_texts(study.logs.faults),

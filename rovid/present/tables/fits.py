@@ -29,6 +29,7 @@ from rovid.present.report_data import ReportData
 from rovid.present.tables.diagnosis import valid_ratios
 from rovid.store.checks import effect_titles, relative_deviation
 from rovid.store.parameter_file import Parameters
+from rovid.trial.assumptions import Assumptions
 
 # In place of the interval of a parameter that the logs do not decide.
 FROM_PRIOR = "from the prior"
@@ -74,12 +75,13 @@ def _rounded_interval(interval: tuple[float, float], error: float) -> str:
     return " … ".join(round_to_error(end, error) for end in interval) if math.isfinite(error) else DASH
 
 
-def planar_parameters_table(stored: Parameters) -> ResultTable:
+def planar_parameters_table(stored: Parameters, guess: Assumptions) -> ResultTable:
     """Parameters of a file of the coupled model, and those that its logs do not determine."""
     table = _stored_table("Parameters", coupled=True)
     for name, entry in stored.entries.items():
         value, error, symbol = entry.value, entry.standard_error, SNAMES.get(name, DASH)
         interval = FROM_PRIOR if entry.from_prior else _rounded_interval(_normal_interval(value, error), error)
+        interval = "guessed" if guess.is_placeholder(entry.unit) else interval
         table.add_row(parameter_title(name), plus_minus(value, error), unit_symbol(entry.unit), interval, symbol)
     for name in stored.assumed:
         table.add_row(parameter_title(name), "not determined", "", DASH, SNAMES.get(name, DASH))

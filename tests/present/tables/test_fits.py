@@ -14,6 +14,7 @@ from rovid.present.report_data import NestedSimulation, ReportData
 from rovid.present.tables import fits, trials
 from rovid.present.tables.fits import correlation_table, directions_table, steady_table
 from rovid.store.parameter_file import Entry
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.trial import Campaign
 from rovid.trial.vehicle import Thruster
 
@@ -30,6 +31,14 @@ def test_a_parameter_that_the_file_lacks_has_its_row(day: ReportData) -> None:
     rows = dict(zip(cells(grid, "parameter"), cells(grid, "value ± standard error"), strict=True))
     assert rows["linear drag DL"] == "not determined"
     assert "±" in rows["inertia I"]
+
+
+def test_the_coupled_model_has_no_interval_where_a_guess_decides(day: ReportData) -> None:
+    guess = Assumptions(items=("yaw_arm of fore", "yaw_arm of aft"), thrusters=2)
+    entry = Entry(value=27.6, standard_error=2.5, unit="kg m^2", method="")
+    stored = replace(day.parameters, entries={"yaw.inertia": entry})
+    assert cells(fits.planar_parameters_table(stored, guess), "95 % interval")[0] == "guessed"
+    assert "…" in cells(fits.planar_parameters_table(stored, Assumptions()), "95 % interval")[0]
 
 
 def test_intervals_have_the_decimals_of_their_values_and_hold_them(day: ReportData) -> None:
