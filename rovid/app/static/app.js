@@ -866,7 +866,8 @@ function headlines(reading = "") {
     const tasks = checked.tasks.filter((text) => !(armsAsked && /^Measure yaw_arm/.test(text)));
     if (step !== "check") {
       // The plots stay near the top.
-      lines.push(...tasks.slice(0, 1).map((text) => [text]));
+      // The reason of a "no go" precedes the questions.
+      lines[noGo() ? "unshift" : "push"](...tasks.slice(0, 1).map((text) => [text]));
       const more = tasks.length - 1;
       if (more > 0) lines.push([`${more} more ${more > 1 ? "points" : "point"} of the check.`, { step: "check", words: "the check" }]);
     }

@@ -23,7 +23,7 @@ from rovid.present.console import (
 )
 from rovid.present.number_format import NAME_LENGTH, format_number, shorten_name
 from rovid.trial.axis import AXES, YAW
-from rovid.trial.fault import fault_texts
+from rovid.trial.fault import fault_texts, stopping
 from rovid.trial.trial import merged_remarks
 
 VERDICTS = {
@@ -85,8 +85,9 @@ def check_notes(checked: CheckedLogs) -> list[str]:
 
 
 def check_tasks(checked: CheckedLogs) -> Iterator[str]:
-    """Tasks before a fit, the most serious first."""
-    yield from fault_texts(checked.faults)
+    """Tasks before a fit: reasons of a "no go" first."""
+    yield from fault_texts(stopping(checked.faults))
+    yield from (advice.text for advice in checked.advice if advice.weight == "grave")
     problems = _merged_problems(checked.problems)
     if isinstance(checked, PlanarCheck):
         yield from problems
@@ -98,7 +99,8 @@ def check_tasks(checked: CheckedLogs) -> Iterator[str]:
             yield from problems
         else:
             yield f"{count}. {problems[0]}" if bad > 1 else problems[0]
-    yield from (advice.text for advice in checked.advice if advice.weight != "aside")
+    yield from fault_texts(fault for fault in checked.faults if not fault.stops)
+    yield from (advice.text for advice in checked.advice if advice.weight == "care")
 
 
 def _merged_problems(problems: Mapping[str, str]) -> list[str]:

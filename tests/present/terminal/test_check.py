@@ -14,7 +14,8 @@ import pandas as pd
 from rovid.core.formatting import SafeConsole
 from rovid.preflight.advice import Advice
 from rovid.preflight.check import LogCheck
-from rovid.present.terminal.check import show_check
+from rovid.present.terminal.check import check_tasks, show_check
+from rovid.trial.fault import Fault
 from rovid.trial.trial import Remark
 from tests import synthetic
 from tests.conftest import SAMPLES, Rovid
@@ -30,6 +31,21 @@ def printed(*advice: Advice, problems: dict[str, str] | None = None, logs: int =
     checked = LogCheck(trials=trials, facts=(FACTS,) * logs, problems=problems or {}, remarks=(), advice=advice)
     show_check(SafeConsole(file=out, width=width), checked)
     return [line.rstrip() for line in out.getvalue().splitlines()]
+
+
+def test_the_reason_of_a_no_go_precedes_what_a_fit_survives() -> None:
+    gap, clocks = (Fault(fault="heading_gaps", logs=("a",), text=text) for text in ("A gap.", "The clocks are apart."))
+    grave = Advice(kind="inner_loop", text="The angle steers wheels.", weight="grave")
+    checked = LogCheck(
+        trials=(RUN,),
+        facts=(FACTS,),
+        problems={},
+        remarks=(),
+        advice=(grave, Advice(kind="coast", text="Coast.")),
+        faults=(gap, replace(clocks, stops=True)),
+    )
+    tasks = ["The clocks are apart.", "The angle steers wheels.", "A gap.", "Coast."]
+    assert list(check_tasks(checked)) == tasks
 
 
 def test_the_first_line_decides() -> None:
