@@ -8,7 +8,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TypeVar
 
-from rovid.core.errors import LINE_LENGTH, RovidError, display_text
+from rovid.core.errors import LINE_LENGTH, RovidError, display_text, join_words
 from rovid.core.formatting import TextTemplates, toml_key, toml_text
 from rovid.core.output_files import GUESSED_CURVE as GUESSED
 from rovid.core.output_files import OutputFile, OutputSet
@@ -89,15 +89,18 @@ def assumptions_in(survey: LogSurvey) -> Assumptions:
     """Arms, and a new curve, in the written file that were not measured."""
     turning = {command.name for command in all_commands(survey.mappings) if command.direction}
     thrusters = _commands(survey)
-    if turning:
+    if turning and not survey.with_planar:
         thrusters = {name: commands for name, commands in thrusters.items() if name in turning}
     items: list[str] = []
     for name, commands in thrusters.items():
         if all(command.is_motor for command in commands.values()):
             items.append(f"torque_constant of {name}")
             continue
-        if _is_arm_guessed(survey, commands):
-            items.append(f"{survey.axis.arm_key} of {name}")
+        first, planar = next(iter(commands.values())), survey.with_planar
+        keys = ["surge", "sway"] * (planar and first.source not in survey.overrides.directions)
+        turns = not (planar and all(one.turns_nothing for one in commands.values()))
+        if keys := keys + [survey.axis.arm_key] * (turns and _is_arm_guessed(survey, commands)):
+            items.append(f"{join_words(keys)} of {name}")
         if survey.curve_guessed:
             items.append(f"curve of {name}")
     rudders = _rudders(survey)
@@ -379,7 +382,8 @@ def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
     """Lines of rovid.toml for the shares of a thruster along surge and sway, each marked as a guess.
 
     A thruster that the logs show along neither is taken to push ahead; by its name to starboard. One that they show
-    along both is taken to stand at 45 deg.
+    along both is taken to stand at 45 deg. Logs hardly exclude a share: an obliquely mounted thruster may show along
+    one alone.
     """
     shown: dict[str, CommandEffect] = {}
     for axis in ("surge", "sway"):
@@ -387,9 +391,11 @@ def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
             effect = guess.effects.get(axis, {}).get(source)
             if effect is not None and effect.direction:
                 shown[axis] = effect
-    if not shown:
-        axis = "sway" if name_words(source) & SIDEWAYS else "surge"
-        yield from config_lines("share_assumed", axis=axis)
-    for axis, effect in shown.items():
-        share = f"{effect.direction / math.sqrt(len(shown)):.2g}"
-        yield from config_lines("share_shown", axis=axis, share=share, evidence=effect.text)
+    likeliest = "sway" if name_words(source) & SIDEWAYS else "surge"
+    for axis in ("surge", "sway"):
+        if (effect := shown.get(axis)) is None:
+            share = "1.0" if axis == likeliest and not shown else "0.0"
+            yield from config_lines("share_assumed", axis=axis, share=share)
+        else:
+            share = f"{effect.direction / math.sqrt(len(shown)):.2g}"
+            yield from config_lines("share_shown", axis=axis, share=share, evidence=effect.text)

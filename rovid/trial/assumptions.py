@@ -55,7 +55,8 @@ class Assumptions:
     @property
     def ratios_hold(self) -> bool:
         """Whether the guesses are one common factor on all torques, so that ratios of torques hold."""
-        return not self.includes_curve and len(self.items) in {0, self.thrusters}
+        is_one = " and " not in self.quantities
+        return is_one and not self.includes_curve and len(self.items) in {0, self.thrusters}
 
     @property
     def listing(self) -> str:

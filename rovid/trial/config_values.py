@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from rovid.core.errors import NAME_LENGTH, ConfigError, suggestion
+from rovid.core.errors import NAME_LENGTH, ConfigError, join_words, suggestion
 from rovid.core.input_files import expected_number
 from rovid.trial.axis import AXES, DEFAULT_UNIT, PLANAR, SIGNAL_UNITS, TIME_UNITS, YAW, Axis, Signal
 from rovid.trial.log_files import KINDS
@@ -208,7 +208,7 @@ class ConfigValues:
         guessed = [key for key in ([constant] if constant else acts) if self.is_guessed(block, key, place)]
         scale_key = constant if constant == "torque_constant" or self.planar else ""
         if self.planar and not scale_key:
-            scale_key = " and ".join(guessed)
+            scale_key = join_words(guessed)
         thruster = Thruster(
             name=name,
             clamp=outside == "clamp",

@@ -14,7 +14,8 @@ import pandas as pd
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.axis_guess import guess_planar
+from rovid.preflight.axis_guess import PlanarGuess, guess_planar
+from rovid.preflight.command_effects import CommandEffect
 from rovid.preflight.config_writer import propeller_lines, share_lines
 from rovid.preflight.planar_check import PlanarCheck, check_planar
 from rovid.preflight.raw_columns import RawColumn, SignalGuess
@@ -114,6 +115,7 @@ def test_init_keeps_thrusters_that_do_not_turn_the_vehicle(tmp_path: Path, rovid
     table, _, following = done.out.partition("Next:")
     assert all(re.search(rf"^{words} ", table, re.MULTILINE) for words in ("surge_velocity", "command of main"))
     assert "--axes planar" in following
+    assert re.search(r"measure surge, sway and yaw_arm of \w+, .* and surge and sway of", " ".join(following.split()))
     thrusters = {one["name"]: one for one in tomllib.loads((tmp_path / "rovid.toml").read_text())["thrusters"]}
     assert (thrusters["main"]["surge"], thrusters["lateral"]["sway"], thrusters["main"]["yaw_arm"]) == (1.0, 1.0, 0.0)
 
@@ -255,3 +257,11 @@ def test_shares_of_vectored_thrusters_show_while_the_vehicle_turns() -> None:
         assert [guess.effects[axis][one.source].direction for one in found] == np.sign(share).tolist()
     text = "\n".join(share_lines("t1", [guess]))
     assert ("surge = 0.71 " in text, "sway = -0.71 " in text) == (True, True)
+
+
+def test_a_share_that_the_logs_do_not_show_is_asked_for() -> None:
+    block = tomllib.loads("\n".join(share_lines("t1", [PlanarGuess()])))
+    assert block == {"surge": 1.0, "surge_guessed": 1.0, "sway": 0.0, "sway_guessed": 0.0}
+    shown = PlanarGuess(effects={"sway": {"t1": CommandEffect(t_statistic=-9.0, size=0.2)}})
+    block = tomllib.loads("\n".join(share_lines("t1", [shown])))
+    assert block == {"surge": 0.0, "surge_guessed": 0.0, "sway": -1, "sway_guessed": -1}
