@@ -46,18 +46,22 @@ def main() -> None:
     if "_ROVID_COMPLETE" in os.environ:
         # typer wraps the help texts that zsh and fish show, and a shell would read each line as a value.
         os.environ["COLUMNS"] = "1000"
+    output = sys.stdout
     try:
         try:
             _command()(prog_name="rovid")
         finally:
-            sys.stdout.flush()
+            output.flush()
     except RovidError as error:
         sys.stderr.write(f"rovid: {error}\n")
         raise SystemExit(2) from None
-    except BrokenPipeError:
-        # The reader of the output ended, as `| head` does.
-        sys.stderr.close()
-        raise SystemExit(1) from None
+    except (BrokenPipeError, SystemExit) as end:
+        # typer answers a broken pipe with a wrapper of the output, and with status 1.
+        if isinstance(end, SystemExit) and sys.stdout is output:
+            raise
+        # The reader of the output ended, as `| head` does. What is left in the buffer would fail again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), output.fileno())
+        raise SystemExit(0) from None
     except (OSError, MemoryError, ImportError, RuntimeError) as error:
         message = machine_error(error)
         if not message:

@@ -119,8 +119,14 @@ def named_axis(name: str | None) -> Axis:
 
 def stored_logs(stored: Parameters) -> list[Path]:
     """The logs that the parameter file names; an error if there are none."""
+    from rovid.core.input_files import require_exists
     from rovid.trial.axis import PLANAR
 
+    for path in stored.logs:
+        try:
+            require_exists(path)
+        except ConfigError as error:
+            raise ConfigError(f"names logs that cannot be read: {error}", where=stored.path) from error
     if stored.logs:
         return list(stored.logs)
     text, mend = "names no logs.", "Give LOGS, or run `rovid fit-drag LOGS` first."

@@ -39,7 +39,7 @@ def simulate(logs: list[Path] | None = None, *, mcap: Path | None = None, shared
         study = context.open_logs(logs or context.stored_logs(stored), shared.cutoff, stored.axis)
         if study.runs is None:
             raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
-        study.require_effects(model.effects)
+        study.require_stored_effects(stored)
         remarks = context.require_fresh(stored, study)
         recordings = recording_outputs(mcap, [run.trial for run in study.runs.items]) if mcap else []
         outputs = context.reserve_outputs(recordings, study.paths, stored.path, force=shared.force)
@@ -99,7 +99,7 @@ def control(
     outputs = context.reserve_outputs(list(generators), paths, stored.path, force=shared.force)
     study = context.open_logs(paths, None, stored.axis)
     study.vehicle.require_no_rudder("the controller")
-    study.require_effects(model.effects)
+    study.require_stored_effects(stored)
     remarks, assumptions = context.require_usable(stored, study, force=shared.force)
     conditions = loop_conditions(options, model, study.position_noise(), study.median_torque())
     with progress("Simulating the closed loop …"):

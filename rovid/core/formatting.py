@@ -183,6 +183,10 @@ class SafeConsole(Console):
         """Text of every printed string and table cell."""
         return super().render_str(display_text(text, LINE_LENGTH), **options)
 
+    def on_broken_pipe(self) -> None:
+        """Leave the end to the command line; rich would exit with 1."""
+        raise BrokenPipeError
+
 
 def labelled_text(label: str, text: str = "", style: str = "bold") -> Text:
     """``text`` after a ``label`` in that style."""

@@ -241,8 +241,10 @@ class OutputSet:
             mend = "Make it writable, or name another file on the command line, by -o or -p."
             raise OutputError("is write-protected.", where=output.path, mend=mend)
         if status.st_size and not (matches and signature.replaceable) and not self._force:
-            text = f"already exists, and is not {signature.description}."
-            raise OutputError(text, where=output.path, mend="Choose another name, or give --force to replace it.")
+            text, mend = f"already exists, and is not {signature.description}.", "Choose another name, or give --force"
+            if matches:
+                text, mend = "already exists, and may hold your changes.", "Give --force"
+            raise OutputError(text, where=output.path, mend=f"{mend} to replace it.")
 
 
 def _encoded(contents: Mapping[OutputFile, Content]) -> dict[OutputFile, bytes]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.core.errors import DataError
+from rovid.core.errors import DataError, join_words
 from rovid.core.formatting import plus_minus
 from rovid.estimate.fisher_information import inverse_information
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, fit_likelihood
@@ -184,13 +184,11 @@ def _text(listed: Mapping[str, float]) -> str:
         (name,) = listed
         return f"{name} has next to no influence on what these runs measure."
     first, *others = sorted(listed, key=lambda name: -abs(listed[name]))
-    parts = [f"{name} ({'together' if listed[name] > 0.0 else 'against it'})" for name in others[:_NAMED]]
-    if rest := len(others) - len(parts):
-        parts.append(f"{rest} more")
-    return (
-        f"These runs hardly change if {first} and {', '.join(parts)} change in proportion; only other combinations are "
-        "known."
-    )
+    parts = [f"{name} {'grows' if listed[name] > 0.0 else 'falls'}" for name in (first, *others[:_NAMED])]
+    if rest := len(others) - _NAMED:
+        parts.append(f"{rest} more change" if rest > 1 else "another one changes")
+    text = "These runs do not determine each of these parameters: their measurements hardly change if"
+    return f"{text} {join_words(parts)}, each by a share of its own."
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -290,8 +290,10 @@ def _select_commands(columns: Columns, hints: GuessHints) -> dict[str, FloatArra
 
 
 def azimuth_angles(columns: Columns) -> list[str]:
-    """Sources that are the angle of an azimuth thruster by name."""
-    return [source for source, column in columns.items() if column.words & _AZIMUTH and column.varies]
+    """Sources that are the angle of an azimuth thruster by name; an az next to ax and ay is an acceleration."""
+    words = set[str]().union(*(column.words for column in columns.values()))
+    named = _AZIMUTH - ({"az"} if {"ax", "ay"} <= words else set())
+    return [source for source, column in columns.items() if column.words & named and column.varies]
 
 
 def _prefer(columns: dict[str, FloatArray], is_preferred: Callable[[str, FloatArray], bool]) -> dict[str, FloatArray]:

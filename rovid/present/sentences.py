@@ -324,7 +324,8 @@ def control_verdict(design: ControllerDesign) -> Iterator[tuple[str, str]]:
         return
     margin = f"{margins.gain_db:.1f} dB" if math.isfinite(margins.gain_db) else "without limit"
     stability = f"phase margin {margins.phase_deg:.0f} deg, gain margin {margin}"
-    if margins.phase_deg < PHASE_MARGIN or margins.sensitivity_peak > SENSITIVITY_PEAK:
+    # The printed values decide, for the words to agree with them.
+    if round(margins.phase_deg) < PHASE_MARGIN or round(margins.sensitivity_peak, 2) > SENSITIVITY_PEAK:
         peak = f"peak of the sensitivity {margins.sensitivity_peak:.2f}"
         wanted = f"{PHASE_MARGIN:.0f} deg or more, and a peak of {SENSITIVITY_PEAK:g} or less, are usual"
         advice = "Lower the bandwidth or the gains."

@@ -37,7 +37,7 @@ from rovid.faults.quick_model import log_name
 from rovid.faults.thrust_unit import inertia_fault
 from rovid.readers import read_campaign
 from rovid.readers.campaign import TrialReader, candidate_files
-from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_source, trial_source
+from rovid.store.parameter_file import Parameters, Provenance, Source, absolute_paths, read_source, trial_source
 from rovid.trial.assumptions import ConfigFingerprint
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import Config, find_config, load_config, vehicle_without_thrusters
@@ -143,6 +143,15 @@ class Study:
             if effect.per_thruster and effect.key not in thruster_forms:
                 text = f"does not suit the thrusters of this vehicle. {suggestion(effect.key, thruster_forms)}"
                 raise ConfigError(text, where=effect.key)
+
+    def require_stored_effects(self, stored: Parameters) -> None:
+        """Refuse the file of another vehicle. Raises ConfigError if one of its effects does not suit these logs."""
+        try:
+            self.require_effects(stored.effect_forms())
+        except ConfigError as error:
+            text = f"holds an effect that does not suit these logs: {error}"
+            mend = "If the file is that of another vehicle, give -p with the file of this one, or with a new name."
+            raise ConfigError(text, where=stored.path, mend=mend) from error
 
     def likelihood(self, effects: tuple[Effect, ...] = (), *, gyro: bool = False) -> LikelihoodFit:
         """Fit of all parameters and of ``effects`` by maximum likelihood; see `fit_likelihood`.

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.errors import ConfigError, LogError, suggestion
+from rovid.core.errors import ConfigError, LogError, close_matches, quoted_list, suggestion
 from rovid.core.input_files import LARGEST, list_files, read_bytes, require_exists, require_regular
 from rovid.trial.log_files import is_log
 from rovid.trial.vehicle import ThrustCurve
@@ -175,6 +175,8 @@ def read_curve(path: Path) -> ThrustCurve:
     require_regular(path)
     if not path.is_file():
         mend = f"Make one from bench readings with `rovid fit-thruster BENCH.csv -o {path.name}`."
+        if close := close_matches(path.name, sorted(other.name for other in path.parent.glob("*.csv"))):
+            mend = f"Nearest: {quoted_list(close)}. {mend}"
         raise ConfigError("there is no such thrust curve.", where=path, mend=mend)
     table = read_table(path)
     for name in CURVE_COLUMNS:

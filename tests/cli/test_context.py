@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from rovid.cli.context import write_outputs
+from rovid.cli.context import stored_logs, write_outputs
+from rovid.core.errors import ConfigError
 from rovid.core.output_files import PLAN, OutputFile, OutputSet
 from rovid.store.load import read_parameters
+from rovid.store.parameter_file import Parameters
+from rovid.trial.axis import YAW
 from tests.conftest import Rovid
 
 
@@ -38,6 +41,12 @@ def test_a_folder_moved_with_its_parameter_file_still_works(day: Path, rovid: Ro
     assert rovid("fit-drag", "here/logs", "-p", "here/p.toml").code == 0
     (tmp_path / "here").rename(tmp_path / "there")
     assert rovid("fit-inertia", "-p", "there/p.toml").code == 0
+
+
+def test_logs_that_are_gone_are_named_with_the_parameter_file(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml", axis=YAW, logs=(tmp_path / "unk",))
+    with pytest.raises(ConfigError, match=r"p\.toml: names logs that cannot be read: .*unk: there is no such file"):
+        stored_logs(stored)
 
 
 @pytest.mark.usefixtures("blank")

@@ -51,6 +51,17 @@ def test_odd_surroundings_give_a_result_or_one_message(name: str, tmp_path: Path
         assert "quadratic_drag" in done.stdout
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a POSIX pipe")
+@pytest.mark.parametrize("arguments", [("help", "files"), ("help", "--json")])
+def test_a_reader_that_ends_is_no_error(arguments: tuple[str, ...]) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "rovid", *arguments]
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_ascii_spells_what_it_lacks(tmp_path: Path) -> None:
     code = "from rovid.cli.streams import prepare_streams; prepare_streams(); print('1 ± 2 N m², τ ≥ √2 …')"
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}

@@ -113,7 +113,8 @@ def test_the_same_log_again_is_fine_and_another_is_not(tmp_path: Path) -> None:
     before = output.path.stat()
     OutputSet([output], protected=[output.path]).write({output: "time_s,a\n0,1\n"})
     assert output.path.stat() == before
-    assert "already exists" in message(OutputSet([output]), output, "time_s,a\n0,2\n")
+    said = message(OutputSet([output]), output, "time_s,a\n0,2\n")
+    assert "already exists, and may hold your changes. Give --force" in said
     assert hidden_files(tmp_path) == []
     assert list(Path.cwd().iterdir()) == []
 

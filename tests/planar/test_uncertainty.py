@@ -17,7 +17,7 @@ from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values
-from rovid.planar.uncertainty import growth, misfit_variance, total_covariance
+from rovid.planar.uncertainty import _text, growth, misfit_variance, total_covariance
 from tests.planar.vehicles import Truth, campaign, torpedo
 
 
@@ -126,3 +126,11 @@ def test_a_hull_without_lift_is_not_fitted_with_it(monkeypatch: pytest.MonkeyPat
     assert best.is_white
     monkeypatch.setattr(PlanarOptimum, "fit", None)
     assert with_hull_lift(best, data) is best
+
+
+def test_a_combination_says_which_parameter_grows_and_which_falls() -> None:
+    text = _text({"a": 1.0, "b": -0.7, "c": 0.5, "d": 0.3, "e": 0.2})
+    assert text.endswith(
+        "hardly change if a grows, b falls, c grows, d grows and another one changes, each by a share of its own."
+    )
+    assert text.startswith("These runs do not determine each of these parameters")

@@ -144,6 +144,13 @@ def test_the_angle_of_an_azimuth_thruster_is_no_command() -> None:
     assert remark.startswith("fore_az")
 
 
+def test_a_vertical_acceleration_is_no_azimuth() -> None:
+    columns = {name: held(-9.0, 9.0) for name in ("ax", "ay", "az")} | {"fore_cmd": held(), "aft_cmd": held()}
+    found = map_columns([{name: RawColumn(source=name, time=TIME, values=values) for name, values in columns.items()}])
+    assert not found.remarks
+    assert {one.source for one in found.commands} == {"fore_cmd", "aft_cmd"}
+
+
 def test_named_commands_are_used() -> None:
     assert set(commands(GuessHints(commands=("a", "b")), a=held(), b=held(), port_cmd=held())) == {"a", "b"}
 

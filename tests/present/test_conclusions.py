@@ -142,6 +142,11 @@ def test_small_margins_are_a_warning() -> None:
     assert kind == "warn"
 
 
+def test_a_margin_that_is_printed_as_sufficient_is_no_warning() -> None:
+    (text, kind), _ = control_verdict(designed(aided=(1.0, 1.0), plain=(1.0, 1.0), phase=44.88))
+    assert (text, kind) == ("Stable: phase margin 45 deg, gain margin 20.3 dB.", "pass")
+
+
 def test_an_unstable_loop_fails() -> None:
     ((text, kind),) = control_verdict(designed(aided=(1.0, 1.0), plain=(1.0, 1.0), stable=False))
     assert "unstable" in text

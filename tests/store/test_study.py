@@ -14,6 +14,7 @@ from rovid.core.output_files import PLAN, OutputFile, OutputSet
 from rovid.diagnose import log_rivals
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import effect_named
+from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.study import Study, input_files, open_study
 from rovid.trial.axis import AXES
 from tests.conftest import SAMPLES
@@ -60,6 +61,14 @@ def test_effects_on_missing_trials_or_signals_are_refused(logs: Study) -> None:
         logs.require_effects([effect_named("restoring_curve")])
     with pytest.raises(ConfigError, match="needs surge_velocity, which not all of these logs hold"):
         logs.likelihood((effect_named("speed_dependent_damping"),))
+
+
+def test_the_file_of_another_vehicle_is_named_with_a_remedy(logs: Study) -> None:
+    entry = Entry(value=1.1, standard_error=0.1, unit="1", method="")
+    stored = Parameters(path=Path("p.toml"), entries={"thruster_imbalance:bow.gain": entry})
+    with pytest.raises(ConfigError, match=r"p\.toml: holds an effect .*thruster_imbalance:bow: .* give -p") as caught:
+        logs.require_stored_effects(stored)
+    assert "another vehicle" in str(caught.value)
 
 
 def test_tables_have_no_time_series(tables: Study) -> None:

@@ -107,3 +107,9 @@ def test_a_curve_may_stand_in_any_order(tmp_path: Path) -> None:
     path = tmp_path / "curve.csv"
     path.write_text("thrust_N;command\n200;5\n-100,5;-5\n0;0\n")
     assert read_curve(path).thrust.tolist() == [-100.5, 0.0, 200.0]
+
+
+def test_a_missing_curve_names_the_nearest_file(tmp_path: Path) -> None:
+    (tmp_path / "thrust_curve.csv").write_text("command,thrust_N\n-1,-1\n1,1\n")
+    with pytest.raises(RovidError, match=r"trust_curve\.csv: there is no such .* Nearest: 'thrust_curve\.csv'"):
+        read_curve(tmp_path / "trust_curve.csv")

@@ -103,6 +103,7 @@ def _identified(
     elif stored is not before and any(entry.method in JOINT_METHODS for entry in before.entries.values()):
         # A joint fit with the effects of before. Raises ConfigError if an effect does not suit.
         gyro, effects = any("--gyro" in entry.options for entry in before.entries.values()), before.effect_forms()
+        study.require_stored_effects(before)
         fit, _ = _or_refusal(lambda: study.likelihood(effects, gyro=gyro))
         joint = None if fit is None else fit.estimate
     if joint is not None:

@@ -47,6 +47,8 @@ _RUNS_SHOWN = 8
 _READINGS_SHOWN = 40
 # Ratio of two errors above which they are said to differ.
 _FEW = 1.05
+# Share by which a planned run has to reduce a standard error, or its use is in doubt; a decision.
+_LEAST_NARROWED = 0.1
 
 
 def show_fit(console: Console, fit: DragFit | InertiaFit | LikelihoodFit, study: Study) -> None:
@@ -196,6 +198,12 @@ def show_plan(
             "or larger commands, or repeat the best run several times."
         )
         show_warnings(console, [undecided])
+    narrowed = 1.0 - math.exp(-0.5 * plan.best.gain)
+    if not discriminates and narrowed < _LEAST_NARROWED:
+        hardly = (
+            f"This run hardly helps: it makes the standard error {100.0 * narrowed:.1f} % smaller. Allow a longer run."
+        )
+        show_warnings(console, [hardly])
     for path in written:
         print_path(console, f"written: {path}")
     show_warnings(console, warnings)

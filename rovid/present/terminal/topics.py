@@ -32,7 +32,7 @@ _PACKAGE = Path(rovid.__file__).parent
 _ALSO = {
     **dict.fromkeys((*FORMATS, *FORMAT_WORDS), "export"),
     **dict.fromkeys(("surge", "sway", "heave", "roll", "pitch", "yaw", "axis"), "axes"),
-    **dict.fromkeys(("rovid.toml", "json", "parameters", "toml", "configuration"), "files"),
+    **dict.fromkeys(("rovid.toml", "json", "parameters", "toml", "configuration", "units"), "files"),
     **dict.fromkeys(("formats", "csv", "mcap", "parquet", "ulog", "bag", "dataflash", "nmea", "convert"), "logs"),
     **dict.fromkeys(("begin", "start", "tutorial", "init", "check"), "own_logs"),
     **dict.fromkeys(("app", "browser", "gui", "server"), "open"),
@@ -205,7 +205,8 @@ def show_page_or_passages(console: Console, topic: str) -> None:
         show_markdown(console, one.text)
         console.print()
     # Several words are a question; one word may be a page's name with an error.
-    print_text(console, "`rovid help` lists the pages." if " " in topic else nearest)
+    pages = nearest.partition(". ")[2].replace("Nearest:", "Pages with similar names:")
+    print_text(console, "`rovid help` lists the pages." if " " in topic else pages)
 
 
 def _passages() -> Iterator[tuple[str, Passage]]:

@@ -58,6 +58,7 @@ def test_what_is_called_otherwise_is_found(asked: str, nearest: str) -> None:
         ("sign of a yaw arm", "Which sign does a yaw arm have?"),
         ("how long is a hold", "How long should a hold be?"),
         ("what is the noise floor", "What is the noise floor?"),
+        ("units", "Which units may my logs have?"),
         ("confirmed likely possible", "What do confirmed, likely, possible and cannot tell mean?"),
         ("what does likely mean", "What do confirmed, likely, possible and cannot tell mean?"),
         ("ROS 1 bag", "ROS bags: `.bag` and `.db3`"),
