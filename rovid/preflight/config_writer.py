@@ -382,8 +382,7 @@ def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
     """Lines of rovid.toml for the shares of a thruster along surge and sway, each marked as a guess.
 
     A thruster that the logs show along neither is taken to push ahead; by its name to starboard. One that they show
-    along both is taken to stand at 45 deg. Logs hardly exclude a share: an obliquely mounted thruster may show along
-    one alone.
+    along both is taken to stand at 45 deg. No share is excluded: an oblique thruster may show along one axis alone.
     """
     shown: dict[str, CommandEffect] = {}
     for axis in ("surge", "sway"):
