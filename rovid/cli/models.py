@@ -209,7 +209,7 @@ def plan(
     warnings = [*context.write_outputs(outputs, contents), *_stale_effects(stored, study)]
     if not (effects or causes or stored.path.exists()):
         reason = "does not exist, so the run is planned for a model without causes"
-        warnings = [f"{stored.path} {reason}. Give the parameter file of a diagnosis with -p."]
+        warnings.append(f"{stored.path} {reason}. Give the parameter file of a diagnosis with -p.")
     if hidden := [model.name for model in found.models if model.is_assumed]:
         text = "The runs are compared at the largest size that the logs leave open, three standard errors."
         warnings.append(f"These logs do not show {join_words(hidden)}. {text}")

@@ -46,6 +46,7 @@ def test_a_crew_s_limits_are_kept(few: Path, rovid: Rovid) -> None:
     plain = rovid("plan", few, "--json").document
     assert plain["narrow"] in {"inertia", "quadratic_drag", "linear_drag"}
     tight = rovid("plan", few, "--minutes", 3, "--max-rate", 9, "--turns", 2, "--narrow", "inertia", "--json").document
+    assert any(said.startswith("Replaced the earlier plan.csv and plan.png.") for said in tight["warnings"])
     assert 0 < len(tight["runs"]) < len(plain["runs"])
     assert max(run["seconds"] for run in tight["runs"]) <= 180.0
     assert tight["narrow"] == "inertia"
