@@ -103,6 +103,8 @@ SIDEWAYS = word_list("axis", "sway") | {"tunnel", "querstrahlruder"}
 _ALIKE = 0.25
 # Words of a thruster along the vehicle.
 _AHEAD = {"main", "aft", "stern", "forward", "haupt", "principal"}
+# Remark on logs that are read for yaw alone.
+COUPLED = "These logs also hold surge and sway: --axes planar fits them together with yaw."
 # Words of the speed of a propeller.
 _PROPELLER = {"propeller", "prop", "screw", "schraube", "rps", "rpm", "helice", "hélice", "elica"}
 # Words of velocities, accelerations and errors.
@@ -118,6 +120,12 @@ class PlanarGuess:
     effects: Mapping[str, Mapping[str, CommandEffect]] = field(default_factory=dict)
     #: Column of a propeller's speed, which turns nothing, and its largest value; empty without.
     propeller: tuple[str, float] = ("", 0.0)
+
+    @property
+    def suits(self) -> bool:
+        """Whether a command acts along surge or sway, and both velocities are logged."""
+        acts = any(effect.direction for along in self.effects.values() for effect in along.values())
+        return acts and set(self.effects) == {"surge", "sway"}
 
 
 def guess_planar(

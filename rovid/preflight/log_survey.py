@@ -11,7 +11,7 @@ import numpy as np
 from rovid.core.errors import DataError, RovidError, suggestion
 from rovid.core.input_files import list_files, require_exists
 from rovid.core.output_files import CONFIG, OutputFile
-from rovid.preflight.axis_guess import PlanarGuess, further_thrusters, guess_planar
+from rovid.preflight.axis_guess import COUPLED, PlanarGuess, further_thrusters, guess_planar
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.command_sets import LeftOut, incomplete_logs, leave_out, match_commands
 from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs, resolve_source
@@ -242,6 +242,7 @@ def survey_read_logs(
             *(remark for mapping in mappings.values() for remark in mapping.remarks),
             *incomplete_logs(read, mappings, left_out.names),
             *([left_out.text] * bool(left_out.text)),
+            *([COUPLED] * (bool(commands) and not options.planar and any(one.suits for one in planar.values()))),
         ),
         left_out=left_out,
         overrides=overrides or UserOverrides(),

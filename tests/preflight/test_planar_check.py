@@ -262,6 +262,8 @@ def test_shares_of_vectored_thrusters_show_while_the_vehicle_turns() -> None:
 def test_a_share_that_the_logs_do_not_show_is_asked_for() -> None:
     block = tomllib.loads("\n".join(share_lines("t1", [PlanarGuess()])))
     assert block == {"surge": 1.0, "surge_guessed": 1.0, "sway": 0.0, "sway_guessed": 0.0}
-    shown = PlanarGuess(effects={"sway": {"t1": CommandEffect(t_statistic=-9.0, size=0.2)}})
+    assert not PlanarGuess(effects={"surge": {}, "sway": {}}).suits
+    shown = PlanarGuess(effects={"surge": {}, "sway": {"t1": CommandEffect(t_statistic=-9.0, size=0.2)}})
+    assert shown.suits
     block = tomllib.loads("\n".join(share_lines("t1", [shown])))
     assert block == {"surge": 0.0, "surge_guessed": 0.0, "sway": -1, "sway_guessed": -1}
