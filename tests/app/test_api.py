@@ -107,7 +107,7 @@ def test_surge_sway_and_yaw_can_be_taken_together(tmp_path: Path) -> None:
     assert [(round(each.surge_share, 3), round(each.sway_share, 3)) for each in vehicle.thrusters] == [
         (0.866, 0.5)
     ] * len(guessed)
-    assert "surge of main" in one.check(document)["tasks"][0]
+    assert "surge and sway of lateral and main" in one.check(document)["tasks"][0]
     assert not any("surge" in text or "sway" in text for text in one.check(placed)["tasks"])
 
 
