@@ -81,7 +81,9 @@ def check_diagnosis(document: Document, terminal: str, page: str, stored: Docume
             # Titles of forms follow in brackets. A dependence on a signal is no cause, and may come first.
             assert re.search(rf"(?:{named})[^;]* {gain:.0f}\b", page), effect
     gain = document["held_out_gain"]
-    sides = ("base", "extended", "noise_floor") if document["findings"] else ("base", "noise_floor")
+    # A model with suspects alone is extended, too.
+    is_extended = document["findings"] or gain["yaw_rate_rmse"]["extended"] != gain["yaw_rate_rmse"]["base"]
+    sides = ("base", "extended", "noise_floor") if is_extended else ("base", "noise_floor")
     errors = []
     for key, each in gain.items():
         if key.endswith(("_rmse", "_error_10s", "_error_60s")) and each["base"] is not None:
