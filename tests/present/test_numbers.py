@@ -162,9 +162,7 @@ def check_fits(rovid: Rovid, logs: Path, file: Path, along: tuple[object, ...], 
                 continue
             assert sized(sides["b"]) in screen, name
             gap = abs(sides["b"]["value"] - parameter_of(stored, name)["value"])
-            # A comparison fits a constant torque as well, and one-step predictions, whose optimum is another one.
-            most = 2.0 if "predictions" in str(parameter_of(stored, name).get("method")) else 1.0
-            assert gap <= most * sides["b"]["standard_error"], name
+            assert gap <= SAME_OPTIMUM * sides["b"]["standard_error"], name
 
 
 def check_watch(rovid: Rovid, logs: Path, file: Path, along: tuple[object, ...], diagnosed: Document) -> None:
