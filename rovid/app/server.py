@@ -40,8 +40,8 @@ _SHARED = {
     "uPlot.min.css": _REPORT / "assets" / "uplot" / "uPlot.min.css",
     "uPlot.min.js": _REPORT / "assets" / "uplot" / "uPlot.iife.min.js",
 }
-# A report is shown in a sandbox without an origin. Its only script is that of this rovid: a policy does not keep other
-# scripts from sending data by WebRTC.
+# A report is shown in a sandbox without an origin. It may run one script, which this version of rovid wrote: no policy
+# keeps another script from sending data by WebRTC.
 _REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {}; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"

@@ -168,6 +168,8 @@ def far_delay(runs: Sequence[Run], values: FloatArray | None = None, usual: floa
     share = ((tt - np.sum(xt * fitted, axis=1)) / power.clip(1e-300)).clip(1e-9)
     # Enough readings and enough torque. The first column is the acceleration, or the torque by the parameters.
     usable = (counts > _FAR * counts.max()) & (power > _FAR * power.max()) & (fitted[:, 0] > 0.0)
+    if not usable.any():
+        return None
     # By likelihood: in a periodic run many shifts fit, and the readings of half a log are fitted more easily.
     best = int(np.argmin(np.where(usable, counts * np.log(share), np.inf)))
     moved = ShiftedTorque([_shifted(run, int(shifts[best])) for run in runs], longest=_NEAR)

@@ -17,9 +17,11 @@ from rovid.faults.response_delay import response_delay
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
-from tests.conftest import slow
+from tests.conftest import Rovid, slow
 from tests.faults.days import VEHICLES, day, programme
 from tests.synthetic import LOGGED, gauss_markov
+from tools.programme import CAMPAIGN
+from tools.trial_day import write_trial_day
 
 
 def faults(runs: Sequence[Run]) -> tuple[Fault, ...]:
@@ -222,3 +224,11 @@ def test_a_log_shorter_than_the_shifts_has_no_delay(seconds: float) -> None:
     time = synthetic.clock(seconds)
     run = synthetic.run(time, np.full(len(time), 100.0), cutoff=4.0)
     assert response_delay([run]) is None
+
+
+def test_a_coast_next_to_a_hold_that_determines_no_model_is_not_early(tmp_path: Path, rovid: Rovid) -> None:
+    """No shift fits a vehicle, and none is stated."""
+    campaign = [one for one in CAMPAIGN if one.name in {"hold_01", "coast_02"}]
+    write_trial_day(tmp_path / "day", seed=7, campaign=campaign)
+    found = rovid("check", "day", "--json").document["faults"]
+    assert not [fault for fault in found if fault["fault"] == "clocks_apart"]
