@@ -57,7 +57,8 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     if not data.runs:
         return
     logs, longest = tuple(log_parts(data.runs)), LONGEST / data.runs[0].rates.kernel.cutoff
-    far = far_delay(data.runs)
+    # Fewer logs do not determine a vehicle as well as clocks that are far apart: most of all sines alone.
+    far = far_delay(data.runs) if len(logs) >= _MIN_LOGS else None
     if far is not None and far.improvement > _MOSTLY and _is_offset(abs(far.delay) - longest, far, data.runs):
         others = "and no thruster is as slow"
         yield Detection(fault=_early_motion(logs, far) if far.delay < 0.0 else _late_motion(logs, far, 0.0, others))
@@ -97,7 +98,12 @@ def _log_apart(data: RunsData) -> Detection[RunsData] | None:
         if own is None or own.improvement < _MOSTLY:
             continue
         is_early = _is_early(own, data.runs) and _is_early_with_water(name, own, data.runs)
-        if is_early or (len(parts) >= _MIN_LOGS and _is_offset(own.delay - late, own, data.runs)):
+        if len(parts) < _MIN_LOGS:
+            # One other log may hardly determine a model: a model of this log alone has to say the same.
+            is_certain = is_early and _is_early(response_delay(runs), data.runs)
+        else:
+            is_certain = is_early or _is_offset(own.delay - late, own, data.runs)
+        if is_certain:
             found.append((left, name, own, usual))
     if not found:
         return None

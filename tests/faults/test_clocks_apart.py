@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from rovid.faults.response_delay import response_delay
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
-from tests.conftest import Rovid, slow
+from tests.conftest import SAMPLES, Rovid, slow
 from tests.faults.days import VEHICLES, day, programme
 from tests.synthetic import LOGGED, gauss_markov
 from tools.programme import CAMPAIGN
@@ -231,4 +232,14 @@ def test_a_coast_next_to_a_hold_that_determines_no_model_is_not_early(tmp_path: 
     campaign = [one for one in CAMPAIGN if one.name in {"hold_01", "coast_02"}]
     write_trial_day(tmp_path / "day", seed=7, campaign=campaign)
     found = rovid("check", "day", "--json").document["faults"]
+    assert not [fault for fault in found if fault["fault"] == "clocks_apart"]
+
+
+@pytest.mark.parametrize(
+    "logs", [["sine_20s.mcap"], ["hold_02.csv", "sine_20s.mcap"], ["hold_04.csv", "sine_80s.csv"]], ids=" ".join
+)
+def test_one_or_two_logs_of_a_sine_have_one_clock(logs: list[str], tmp_path: Path, rovid: Rovid) -> None:
+    for name in (*logs, "thrust_curve.csv", "rovid.toml"):
+        shutil.copy(SAMPLES / "rosub_tank" / name, tmp_path)
+    found = rovid("check", tmp_path, "--json").document["faults"]
     assert not [fault for fault in found if fault["fault"] == "clocks_apart"]
