@@ -30,6 +30,8 @@ Weight = Literal["grave", "care", "aside"]
 # Requirements on a campaign: levels each way, sine periods, cycles of each; time with one thruster alone and time of
 # coasting, in periods of the cut-off.
 _LEVELS, _SINES, _CYCLES, _ALONE, _COAST = 4, 2, 5, 16.0, 16.0
+# Reversals of a rudder in a zigzag, whose first two overshoot angles are those that IMO's criteria ask for.
+_ZIGZAG = 3
 # Parts of a log, above which a sine is in pieces.
 _MANY_PARTS = 5
 # Readings of all logs below which logs without a change of command are too short rather than wrong; decision.
@@ -211,7 +213,8 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
     if min(up, down) < _LEVELS:
         settling = "some swings" if axis.self_righting else "five time constants plus a minute"
         parameter = "Stiffness" if axis.self_righting else "Drag"
-        text = f"Hold the command at {_LEVELS} levels or more each way, each for {settling}: you have {up} with the "
+        held = "rudder" if vehicle.is_steered else "command"
+        text = f"Hold the {held} at {_LEVELS} levels or more each way, each for {settling}: you have {up} with the "
         text += f"{axis.position_words} growing and {down} with it falling. {parameter} and differences between the "
         text += "directions depend on them."
         yield Advice(kind="holds", text=text)
@@ -222,8 +225,12 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         # Faults, as lost rows, may have cut a log in many parts, over which the torque goes to and fro.
         torque = np.concatenate([run.torque for run in parts])
         reversals = np.count_nonzero(np.diff(np.sign(torque[torque != 0.0])))
-        possible += len(parts) > _MANY_PARTS and bool(reversals >= 2 * _CYCLES)
-    if periods + possible < _SINES:
+        is_long = vehicle.is_steered or len(parts) > _MANY_PARTS
+        possible += bool(is_long and reversals >= (_ZIGZAG if vehicle.is_steered else 2 * _CYCLES))
+    if vehicle.is_steered and not possible:
+        text = f"Steer a zigzag with {_ZIGZAG} reversals or more: there is none. Inertia and lag depend on it."
+        yield Advice(kind="sines", text=text)
+    elif periods + possible < _SINES and not vehicle.is_steered:
         longest = "that of its own swing" if axis.self_righting else "ten vehicle time constants"
         text = (
             f"Run sines of {_SINES} or more different periods, the longest about {longest}, each for {_CYCLES} cycles: "
@@ -234,7 +241,8 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
     earliest = 0.0 if axis.self_righting else 1.0
     needed = _COAST / runs[0].rates.kernel.cutoff
     if not any(hold.torque == 0.0 and hold.start >= earliest and hold.duration >= needed for hold in holds):
-        text = f"Stop the thrusters under way and wait {significant(needed, 2)} s or more: there is no coast-down."
+        stop = "Put the rudder amidships in a turn" if vehicle.is_steered else "Stop the thrusters under way"
+        text = f"{stop} and wait {significant(needed, 2)} s or more: there is no coast-down."
         if axis.self_righting:
             text = f"Tilt the vehicle, let go of it and wait {significant(needed, 2)} s or more: there is no release."
         yield Advice(kind="coast", text=text)
@@ -323,17 +331,22 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle, overrides: FaultOverrid
             f"have {significant(inertia / body, 2)} times the inertia of its mass and size, to which the water adds."
         )
         yield Advice(kind="thrust_scale", text=text)
+    yield from _hardly_determined(runs, vehicle, estimate)
+
+
+def _hardly_determined(runs: Sequence[Run], vehicle: Vehicle, estimate: Estimate) -> Iterator[Advice]:
+    hardly = {}
     for name, size in _relevant_sizes(runs, estimate).items():
         value, spread = estimate.value(name), estimate.standard_error(name)
         if spread > _UNCERTAIN * max(abs(value), size):
-            mend = f"Let `rovid plan --narrow {name}` write a run, once there is a parameter file"
-            if vehicle.is_steered:
-                mend = "Steer other zigzags and long turns, at small and large angles and several speeds ahead"
-            text = (
-                f"{mend}: these logs hardly determine the {name.replace('_', ' ')}, {plus_minus(value, spread)} "
-                f"{estimate.unit(name)} by a first regression."
-            )
-            yield Advice(kind="undetermined", text=text)
+            hardly[name] = f"the {name.replace('_', ' ')}, {plus_minus(value, spread)} {estimate.unit(name)}"
+    if hardly:
+        options = " or ".join(f"`rovid plan --narrow {name}`" for name in hardly)
+        mend = f"Let {options} write a run, once there is a parameter file"
+        if vehicle.is_steered:
+            mend = "Steer other zigzags and long turns, at small and large angles and several speeds ahead"
+        text = f"{mend}: by a first regression these logs hardly determine {', and '.join(hardly.values())}."
+        yield Advice(kind="undetermined", text=text)
 
 
 def _relevant_sizes(runs: Sequence[Run], estimate: Estimate) -> dict[str, float]:

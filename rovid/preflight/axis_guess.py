@@ -123,7 +123,9 @@ class PlanarGuess:
 
     @property
     def suits(self) -> bool:
-        """Whether a command acts along surge or sway, and both velocities are logged."""
+        """Whether both velocities are logged, and a command, or the propeller next to a rudder, acts along them."""
+        if self.propeller[0]:
+            return "sway" in self.effects
         acts = any(effect.direction for along in self.effects.values() for effect in along.values())
         return acts and set(self.effects) == {"surge", "sway"}
 

@@ -219,6 +219,7 @@ def survey_read_logs(
         curves = measured_curves(read.folder, largest, largest, read.problems)
     [(unit, reason)] = read.time_units.items() if len(read.time_units) == 1 else [("auto", "")]
     measured = [mapping.measured for mapping in mappings.values() if mapping.signals]
+    acts = any(mapping.commands or mapping.rudders for mapping in mappings.values())
     return LogSurvey(
         folder=read.folder,
         axis=options.axis,
@@ -242,7 +243,7 @@ def survey_read_logs(
             *(remark for mapping in mappings.values() for remark in mapping.remarks),
             *incomplete_logs(read, mappings, left_out.names),
             *([left_out.text] * bool(left_out.text)),
-            *([COUPLED] * (bool(commands) and not options.planar and any(one.suits for one in planar.values()))),
+            *([COUPLED] * (acts and not options.planar and any(one.suits for one in planar.values()))),
         ),
         left_out=left_out,
         overrides=overrides or UserOverrides(),

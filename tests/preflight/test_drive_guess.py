@@ -49,9 +49,10 @@ def write(folder: Path, columns: Mapping[str, FloatArray]) -> None:
     np.savetxt(folder / "run.csv", table, fmt="%.8g", delimiter=",", header=",".join(columns), comments="")
 
 
-def boat(folder: Path) -> None:
+def boat(folder: Path, *, one_way: bool = False) -> None:
     rng = np.random.default_rng(21)
     angle, speed = levels(rng, 30.0, 60, 60), lag(np.abs(levels(rng, 1.5, 18, 200)) + 0.5, 0.03)
+    angle = np.abs(angle) if one_way else angle
     rate, heading = moved(-40.0 * speed**2 * np.radians(angle), 0.1, 300.0, 120.0, 15.0)
     compass = np.degrees(heading) + 0.05 * rng.standard_normal(len(rate))
     columns = {"t_s": 0.1 * np.arange(len(rate)), "e_heading": 180.0 - compass % 360.0, "hdg_deg": compass % 360.0}
@@ -106,6 +107,26 @@ def test_a_boat_has_a_rudder_with_the_sense_of_its_motion(tmp_path: Path, rovid:
     values = {name: one["value"] for name, one in document["parameters"].items()}
     # The scale of the torque cancels; 1 %: the steps of the simulation.
     assert values["inertia"] / values["quadratic_drag"] == pytest.approx(300.0 / 120.0, rel=0.01)
+
+
+@pytest.mark.parametrize("one_way", [False, True])
+def test_a_rudder_is_asked_for_a_zigzag_where_there_is_none(one_way: bool, tmp_path: Path, rovid: Rovid) -> None:
+    boat(tmp_path, one_way=one_way)
+    surveyed(tmp_path, rovid)
+    advice = {one["kind"]: one["text"] for one in rovid("check", tmp_path, "--json").document["advice"]}
+    assert ("sines" in advice) == one_way
+    assert not one_way or advice["sines"].startswith("Steer a zigzag with 3 reversals")
+    assert "rudder amidships in a turn" in advice["coast"]
+
+
+def test_a_boat_with_surge_and_sway_is_told_of_the_coupled_model(tmp_path: Path, rovid: Rovid) -> None:
+    boat(tmp_path)
+    assert "--axes planar" not in rovid("init", tmp_path).out
+    log = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
+    names = list(log.dtype.names)
+    rng = np.random.default_rng(22)
+    write(tmp_path, {name: log[name] for name in names} | {"sway_m_s": 0.1 * rng.standard_normal(len(log))})
+    assert "These logs also hold surge and sway" in rovid("init", tmp_path, "--force").out
 
 
 def test_a_car_has_steered_wheels_and_no_inertia(tmp_path: Path, rovid: Rovid) -> None:
