@@ -117,13 +117,13 @@ def compare(
     weak = [effect.key for effect in effects if effect.id == IMBALANCE.id]
     changes = find_changes(pair, change_candidates(pair, weak, _remaining_thruster(a, effects)))
     report("Simulating the runs of each by the model of the other …")
-    late = [one.name for one in (a, b) if one.diagnosis is not None and one.diagnosis.is_cut_short]
+    late = [(one.name, one.diagnosis) for one in (a, b) if one.diagnosis is not None and one.diagnosis.is_cut_short]
     questions = list(_open_questions(changes, relevant_change, only_in_one, both_logs=bool(a.runs and b.runs)))
     if changes.changes and {log.sha256 for log in a.sources} == {log.sha256 for log in b.sources} != set():
         # No vehicle changes between two fits of the same logs.
         changes = replace(find_changes(pair, []), detectable_changes=changes.detectable_changes)
         questions = [_SAME_LOGS]
-    open_questions = (*map(_cut_short, late), *questions)
+    open_questions = (*(_cut_short(name, endless=one.is_endless) for name, one in late), *questions)
     verdict = "cannot_tell" if open_questions or changes.changes else "same"
     if changes.established:
         verdict = "changed"
@@ -185,10 +185,10 @@ def _remaining_thruster(campaign: CampaignFit, effects: Sequence[Effect]) -> str
     return f"{IMBALANCE.id}:{thrusters[0].name}" if len(thrusters) == 1 else ""
 
 
-def _cut_short(name: str) -> str:
-    """Clause on a diagnosis that ended before every cause was tried."""
-    text = "ended at the limit of its time, before every cause was tried: give a larger --budget"
-    return f"the diagnosis of {name} {text}"
+def _cut_short(name: str, *, endless: bool = False) -> str:
+    """Clause on a diagnosis that ended before every cause was tried: for lack of time, or ``endless``."""
+    why = "as each addition asked for another" if endless else "at the limit of its time (give a larger --budget)"
+    return f"the diagnosis of {name} ended {why}, before every cause was tried"
 
 
 def _open_questions(

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from rovid.compare.campaign_fit import campaign_from_study
+from rovid.compare.campaign_fit import CampaignFit, campaign_from_study, with_diagnosis
 from rovid.compare.comparison import compare
+from rovid.diagnose.result import Diagnosis
 from rovid.store.study import open_study
 from tests.compare.conftest import VEHICLE, WEAK, Write, more_drag
 from tests.conftest import Done, Rovid, run_rovid
@@ -46,12 +47,23 @@ def test_only_a_new_lag_is_named(compared: tuple[Done, Path]) -> None:
         assert told["together"]["a"]["standard_error"] < sharpest
 
 
+def cut(campaign: CampaignFit) -> Diagnosis:
+    diagnosed = with_diagnosis(campaign, lambda _: None, 1e-6).diagnosis
+    assert diagnosed is not None
+    return diagnosed
+
+
 def test_a_diagnosis_cut_short_leaves_the_question_open(before: Path, write: Write) -> None:
     sides = [campaign_from_study(open_study([path]), path.name) for path in (before, write("again", seed=3))]
     # No time at all: causes that both models lack may have changed.
     found = compare(sides[0], sides[1], budget=1e-6)
     assert found.verdict == "cannot_tell"
-    assert any("ended at the limit of its time" in clause for clause in found.open_questions)
+    assert any("ended at the limit of its time (give a larger --budget)" in one for one in found.open_questions)
+    # Where more time does not help, none is asked for.
+    endless = [replace(one, diagnosis=replace(cut(one), is_endless=True)) for one in sides]
+    clauses = compare(*endless).open_questions
+    assert any("as each addition asked for another, before every cause was tried" in one for one in clauses)
+    assert not any("--budget" in one for one in clauses)
 
 
 def test_the_model_of_one_campaign_does_not_predict_the_other(compared: tuple[Done, Path]) -> None:
