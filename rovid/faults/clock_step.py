@@ -30,6 +30,8 @@ _LINES = (3, 6)
 _LEAST_LINES = 30
 # Share of uninterrupted readings whose lines meet better than the limit for "the heading ran on".
 _MEETS = 0.98
+# Multiple of the limit of the offset within which lines are counted: a short log has too few for a small probability.
+_WIDER = 4.0
 # Ratio of the slopes of two lines, up to which the motion is as fast.
 _ALIKE = 2.0
 # Relative error of the usual interval, over which lines far apart are still taken as far apart as the gap is long.
@@ -163,7 +165,10 @@ class _Lines:
         limits = np.quantile(usual, _MEETS, axis=1, keepdims=True)
         if np.any(self.meet(np.array([first]), np.array([gap + 1])) > limits):
             return 1.0
-        return float((1 + np.all(others <= limits, axis=0).sum()) / (1 + others.shape[1]))
+        # Of lines that lie apart by far more than the limit, the offsets are spread evenly about zero.
+        wider, count = np.array([[_WIDER], [1.0]]), 1 + others.shape[1]
+        meeting, near = (np.all(others <= limits * each, axis=0).sum() for each in (1.0, wider))
+        return float(max(meeting / count, (1 + near) / (_WIDER * count)))
 
 
 def _chances(data: ClockData, gaps: IntArray) -> list[float]:

@@ -160,14 +160,19 @@ def far_delay(runs: Sequence[Run], values: FloatArray | None = None, usual: floa
     shifts = step * np.arange(-reach, reach + 1) + round(usual / period)
     every = [_correlations(run, shifts, values) for run in runs]
     xx, xt, tt = (np.sum(each, axis=0) for each in zip(*every, strict=True))
-    counts = xx[:, -1, -1]
-    size = np.sqrt(np.diagonal(xx, axis1=1, axis2=2).clip(1e-300))
+    # Enough readings; with fewer, the moments are round-off.
+    enough = xx[:, -1, -1] > _FAR * xx[:, -1, -1].max()
+    if not enough.any():
+        return None
+    shifts, xx, xt, tt = shifts[enough], xx[enough], xt[enough], tt[enough]
+    counts, squares = xx[:, -1, -1], np.diagonal(xx, axis1=1, axis2=2)
+    size = np.sqrt(squares.clip(np.maximum(_RIDGE * squares.max(axis=0), 1e-300)))
     scaled = xx / size[:, :, None] / size[:, None, :] + _RIDGE * np.eye(xx.shape[1])
     fitted = np.linalg.solve(scaled, (xt / size)[..., None])[..., 0] / size
-    power = tt - xt[:, -1] ** 2 / counts.clip(1.0)
+    power = tt - xt[:, -1] ** 2 / counts
     share = ((tt - np.sum(xt * fitted, axis=1)) / power.clip(1e-300)).clip(1e-9)
-    # Enough readings and enough torque. The first column is the acceleration, or the torque by the parameters.
-    usable = (counts > _FAR * counts.max()) & (power > _FAR * power.max()) & (fitted[:, 0] > 0.0)
+    # Enough torque. The first column is the acceleration, or the torque by the parameters.
+    usable = (power > _FAR * power.max()) & (fitted[:, 0] > 0.0)
     if not usable.any():
         return None
     # By likelihood: in a periodic run many shifts fit, and the readings of half a log are fitted more easily.
@@ -177,8 +182,9 @@ def far_delay(runs: Sequence[Run], values: FloatArray | None = None, usual: floa
     if near is None:
         return None
     # Another scale, or the opposite sign with a slightly wrong model, may explain the log without a shift.
-    opposite = (fitted[:, 0] < 0.0) & (np.abs(np.arange(len(share)) - reach) * step * period < _NEAR / cutoff)
-    improvement = 1.0 - float(share[best] / share[opposite].min(initial=share[reach]))
+    distance = np.abs(shifts - round(usual / period))
+    opposite = (fitted[:, 0] < 0.0) & (distance * period < _NEAR / cutoff)
+    improvement = 1.0 - float(share[best] / share[opposite].min(initial=share[np.argmin(distance)]))
     return replace(near, delay=near.delay + float(shifts[best]) * period, improvement=improvement)
 
 

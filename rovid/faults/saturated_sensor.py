@@ -2,6 +2,9 @@
 
 A sensor with noise does not repeat a value for long, at rest neither. A bound is the largest or the smallest value of
 the log, and is reached again and again. A sensor that was frozen repeats any value.
+
+A coarse sensor repeats its values at rest, too. At its bound the motion seems to stop within one reading, while it
+changes over many readings in the rest of the log.
 """
 
 from collections.abc import Iterator
@@ -10,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from rovid.core.array_types import BoolArray
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.faults.base import Detection, Detectors, SignalData
 from rovid.trial.fault import Fault
 
@@ -21,6 +24,13 @@ _MIN_READINGS, _MIN_SHARE = 10, 0.005
 _MIN_RUN, _MAX_REPEATS = 4, 0.05
 # Steps to and from a bound that the vehicle passes, in resolutions of the log.
 _QUANTA = 3.0
+# Readings over which the motion of a coarse sensor is measured, and least number of resolutions that it takes there:
+# to one in ten. Factor by which the motion stops more sharply at the bound than it changes elsewhere. Decision: a bound
+# lies between two readings, and the change of the rate there is measured as three quarters of the rate.
+_LAGS, _RESOLVED, _SHARPER = (1, 2, 4, 8, 16), 10.0, 1.5
+# Change of the rate between two bounds, as a share of the rate at the bound: a vehicle that reaches its rate within a
+# reading also stops within one. Decision.
+_CHANGES = 0.5
 # A step out of a run, in median steps of the log, beyond which a single run is a frozen sensor and no bound.
 _JUMP = 20.0
 
@@ -57,7 +67,7 @@ def _is_bound(data: SignalData, clipped: BoolArray) -> bool:
     count = int(np.count_nonzero(clipped))
     if count < max(_MIN_READINGS, _MIN_SHARE * len(clipped)) or len(clipped) - count < _MIN_READINGS:
         return False
-    steps = np.diff(data.values)
+    steps = np.diff(_unwrapped(data))
     edges = np.flatnonzero(np.diff(clipped, prepend=False, append=False))
     begins, ends = edges[::2], edges[1::2]
     runs = ends - begins
@@ -67,7 +77,7 @@ def _is_bound(data: SignalData, clipped: BoolArray) -> bool:
     if len(runs) > 1 or sum(extremes) == 0.0:
         outside &= ~((steps == 0.0) & np.isin(data.values[1:], extremes))
     if np.mean(steps[outside] == 0.0) > _MAX_REPEATS:
-        return False  # A coarse sensor, or one without noise, repeats its values at rest.
+        return runs.max() >= _MIN_RUN and _stops_sharply(data, clipped, begins, ends)
     if runs.max() < _MIN_RUN:
         return False
     sizes = np.abs(steps)
@@ -79,6 +89,41 @@ def _is_bound(data: SignalData, clipped: BoolArray) -> bool:
     typical = float(np.median(np.abs(steps[outside])))
     after = int(ends[0])
     return after < len(clipped) and bool(abs(steps[after - 1]) < _JUMP * typical)
+
+
+def _stops_sharply(data: SignalData, clipped: BoolArray, begins: IntArray, ends: IntArray) -> bool:
+    """Whether the motion stops within a reading where a coarse sensor is ``clipped``, and only there."""
+    values, still = _unwrapped(data), np.diff(data.values) == 0.0
+    count, least = len(values), _RESOLVED * np.abs(np.diff(values))[~still].min()
+    # The sensor may be clipped on the other side, too.
+    extremes = np.isin(data.values, (data.values.max(), data.values.min()))
+    clipped = clipped | (extremes & (np.append(still, False) | np.append(False, still)))
+    # Rest at the beginning and at the end of a log is usual.
+    inner = (begins > 0) & (ends < count)
+    edges = np.concatenate((begins[inner], ends[inner]))
+    for lag in _LAGS:
+        # Changes of the position over ``lag`` readings, and their changes, about the readings from ``lag`` on.
+        rates = values[lag:] - values[:-lag]
+        bends, free = np.abs(rates[lag:] - rates[:-lag]), _none_of(clipped, 2 * lag + 1)
+        inside = edges[(edges > lag) & (edges < count - lag)] - lag
+        if not inside.size or not free.any():
+            break
+        sharp = float(np.median(np.maximum(bends[inside - 1], bends[inside])))
+        if sharp < max(least, _SHARPER * bends[free].max()):
+            continue
+        ways = np.flatnonzero(np.diff(_none_of(clipped, lag + 1), prepend=False, append=False)).reshape(-1, 2)
+        if max(np.ptp(rates[first:last]) for first, last in ways.tolist()) > _CHANGES * sharp:
+            return True
+    return False
+
+
+def _unwrapped(data: SignalData) -> FloatArray:
+    return np.unwrap(data.values, period=data.period) if np.isfinite(data.period) else data.values
+
+
+def _none_of(clipped: BoolArray, count: int) -> BoolArray:
+    """(n - count + 1,) whether none of ``count`` successive readings is ``clipped``."""
+    return ~np.lib.stride_tricks.sliding_window_view(clipped, count).any(axis=1)
 
 
 DETECTORS: Detectors = {"signal": (_detect,)}

@@ -160,11 +160,13 @@ def _moves(data: RunsData, run: Run, stretch: tuple[float, float], model: QuickM
 
 def _is_driven(others: RunsData, run: Run, stretch: tuple[float, float], model: QuickModel, excess: float) -> bool:
     """Whether torques that ``model`` does not explain move the vehicle both ways in a stretch, unlike in ``others``."""
-    length = stretch[1] - stretch[0]
+    # Half of a log at most: several stretches of the others are as long.
+    length = min(stretch[1] - stretch[0], 0.5 * max(one.trial.duration for one in others.runs))
     inside = run.valid & (run.rates.time > stretch[0]) & (run.rates.time < stretch[1])
     period, tau = run.rates.kernel.period, min(model.time_constant, _SMOOTHED * length)
     rest = _smooth((moving_torque(run, model) - run.filtered_torque)[inside], tau, period)
-    size, levels, moved, unexplained = float(np.std(rest)), list[float](), list[FloatArray](), list[FloatArray]()
+    size = max((float(np.std(rest[rows])) for rows in _stretches(run.rates.time[inside], length)), default=0.0)
+    levels, moved, unexplained = list[float](), list[FloatArray](), list[FloatArray]()
     for one in others.runs:
         own = moving_torque(one, model)
         parts = [_smooth(each[one.valid], tau, period) for each in (own, own - one.filtered_torque)]

@@ -14,7 +14,7 @@ from rovid.faults.base import RunsData, detectors_at, examine
 from rovid.faults.clock_drift import clock_drift
 from rovid.faults.clocks_apart import DETECTORS
 from rovid.faults.log_regressors import first_order
-from rovid.faults.response_delay import response_delay
+from rovid.faults.response_delay import far_delay, response_delay
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
@@ -33,6 +33,18 @@ def shifted(run: Run, samples: int) -> Run:
     """``run`` with its commands ``samples`` later."""
     torque = np.roll(run.torque, samples)
     return replace(run, torque=torque, filtered_torque=run.rates.filter_held(run.trial, torque))
+
+
+def test_shifts_that_leave_no_reading_determine_no_delay() -> None:
+    """A heading with a long gap, and a command that ends before it: at many shifts no reading has both."""
+    for run in day("small", 1):
+        place = np.linspace(0.0, 1.0, len(run.valid))
+        rate = np.where((place > 0.2) & (place < 0.95), np.nan, run.rates.rate)
+        torque = np.where(place > 0.3, np.nan, run.filtered_torque)
+        patchy = replace(run, rates=replace(run.rates, rate=rate), filtered_torque=torque)
+        for values in (None, np.array([0.6, 1.5, 0.3, 0.0])):
+            found = far_delay([patchy], values)
+            assert found is None or np.isfinite(found.delay)
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)

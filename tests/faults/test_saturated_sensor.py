@@ -63,3 +63,27 @@ def test_a_rate_clipped_once_on_each_side_at_the_same_limit_is_left_out() -> Non
     rate = 2.0 * np.sin(time * 2.0 * np.pi / 60.0) + np.random.default_rng(4).normal(0.0, 0.01, 1200)
     data = SignalData(log="a", name="yaw rate", time=time, values=rate.clip(-0.9, 0.9), period=np.inf, unit="rad/s")
     assert [detection.fault.size for detection in DETECTORS["signal"][0](data)] == [0.9, -0.9]
+
+
+def _coarse(*, clipped: bool, settling: float = 3.0, step: float = 0.1) -> list[float | None]:
+    """Bounds that are found in a heading with a resolution of ``step`` in deg; it turns and rests both ways."""
+    time: FloatArray = np.arange(0.0, 120.0, 0.2)
+    target = np.select([time < 5.0, time < 35.0, time < 60.0, time < 95.0], [0.0, 4.0, 0.0, -4.0], 0.0)
+    rate = np.zeros(len(time))
+    for k in range(1, len(time)):
+        rate[k] = target[k] + (rate[k - 1] - target[k]) * np.exp(-0.2 / settling)
+    heading = np.cumsum(0.2 * rate) + np.random.default_rng(3).normal(0.0, 0.02, len(time))
+    values = np.round(np.minimum(heading, 60.0) if clipped else heading, 1) if step == 0.1 else np.round(heading)
+    data = SignalData(log="a", name="heading", time=time, values=np.deg2rad(values), period=2.0 * np.pi, unit="rad")
+    return [detection.fault.size for detection in DETECTORS["signal"][0](data)]
+
+
+def test_a_coarse_heading_that_stops_within_a_reading_is_clipped() -> None:
+    assert _coarse(clipped=True) == [pytest.approx(np.deg2rad(60.0))]
+
+
+@pytest.mark.parametrize("settling", [0.05, 0.5, 3.0])
+@pytest.mark.parametrize("step", [0.1, 1.0])
+def test_a_coarse_heading_at_rest_is_not_clipped(settling: float, step: float) -> None:
+    """Also where the vehicle is faster than the readings, and stops within one."""
+    assert not _coarse(clipped=False, settling=settling, step=step)

@@ -115,3 +115,12 @@ def test_commands_that_repeat_their_last_value(vehicle: str, log: str) -> None:
     assert detection.fault.at == pytest.approx((0.43 * duration,), abs=dwell)
     assert detection.fault.size == pytest.approx(0.25 * duration, abs=2.0 * dwell)
     assert len(detection.repair(data).runs) == len(runs) + 1
+
+
+def test_commands_that_repeat_their_last_value_for_longer_than_half_of_the_other_logs() -> None:
+    """Three logs have no four stretches as long as that."""
+    runs = [run for run in day("large", 3) if run.trial.name in {"random.csv", "sine_1.csv", "hold_2.csv"}]
+    assert not list(DETECTORS["runs"][0](RunsData(runs=runs, vehicle=LOGGED)))
+    damaged = [_frozen(run, 0.1, 1.1) if run.trial.name == "random.csv" else run for run in runs]
+    (detection,) = DETECTORS["runs"][0](RunsData(runs=damaged, vehicle=LOGGED))
+    assert detection.fault.logs == ("random.csv",)
