@@ -110,9 +110,11 @@ def _rates(records: Sequence[Record]) -> str:
     results = [(record["kind"], score(record)) for record in records]
     damaged = [result for kind, result in results if kind != "none"]
     every = [result for _, result in results]
+    either = [result["either"] for result in every]
     return (
         f"* Fault named: {_rate(sum(r['named'] for r in damaged), len(damaged))}.\n"
         f"* No false cause: {_rate(sum(not r['false_causes'] for r in every), len(every))}.\n"
+        f"* An effect or the fault, with the words that the logs do not distinguish them: {sum(map(bool, either))}.\n"
         f"* Parameters right or refused: {_rate(sum(not r['wrong'] for r in every), len(every))}.\n\n"
         "In brackets: 95 % intervals (Wilson 1927)."
     )
@@ -137,7 +139,8 @@ The faults imitate reports of real loggers, and were not derived from the detect
 {_rates(records)}
 
 *Named*: `check` or `diagnose` names the fault. If only some logs have the fault, every named log is one of them.
-*False cause*: `diagnose` establishes an effect that does not act. *Fit right*: inertia and both drags of `fit` are
+*False cause*: `diagnose` establishes an effect that does not act, and does not name the fault as indistinguishable from
+it. *Fit right*: inertia and both drags of `fit` are
 within four standard errors of the truth. *Fit refused*: `fit` gives no parameter with a standard error. *Other faults*:
 faults are reported that the folder does not have. *Crash*: a traceback, or no answer in 120 s. Times are medians
 of processor time.
@@ -149,7 +152,7 @@ False causes: {most}.
 * The time of each reading is exact before the damage. Real loggers also have a varying latency.
 * `several_releases` has tests in yaw, between which a hand turns the vehicle. Free decays in roll and pitch are absent.
 * Two payloads in groups of two or three logs are not always named: so few logs hardly show their scatter.
-* In one file with late motion, rovid cannot distinguish a clock offset from a delay of the thrusters.
+* In one file with late motion, rovid cannot distinguish a clock offset from a delay of the thrusters. It names both.
 * Tlog, ROS 1 bags, Parquet and NMEA are absent.
 
 ## Failures

@@ -15,7 +15,8 @@ def score(record: dict[str, Any]) -> dict[str, Any]:
     """Scores of a folder.
 
     ``named``: check or diagnose names the fault, with the logs where the fault is not in all of them.
-    ``false_faults``: ids of other faults. ``false_causes``: established effects that do not act. ``worst``: largest
+    ``false_faults``: ids of other faults. ``false_causes``: established effects that do not act. ``either``: those of
+    them that are established as one of a class with the fault. ``worst``: largest
     error of a parameter in standard errors; None where the fit is refused or gives no number. ``crash``: commands that
     ended with a traceback or without an answer. ``no_go``: check says no go.
     """
@@ -23,12 +24,15 @@ def score(record: dict[str, Any]) -> dict[str, Any]:
     faults = [fault for command in ("check", "diagnose") for fault in said[command].get("faults") or []]
     errors = errors_of(record)
     hidden = EFFECTS.get(truth["hidden"] or "")
-    findings = [finding["effect"] for finding in said["diagnose"].get("findings") or []]
+    findings = said["diagnose"].get("findings") or []
+    either = [one["effect"] for one in findings if truth["fault"] in one["cannot_be_told_from"]]
+    wrong = [one["effect"] for one in findings if one["effect"] != hidden]
     return {
         "named": any(fault["fault"] == truth["fault"] and right_logs(fault, truth) for fault in faults),
         "named_somewhere": any(fault["fault"] == truth["fault"] for fault in faults),
         "false_faults": sorted({fault["fault"] for fault in faults} - {truth["fault"]}),
-        "false_causes": [name for name in findings if name != hidden],
+        "false_causes": [name for name in wrong if name not in either],
+        "either": [name for name in wrong if name in either],
         "worst": max(errors.values(), default=None),
         "wrong": sorted(name for name, error in errors.items() if error > WITHIN),
         "crash": [command for command, one in said.items() if crashed(one)],

@@ -43,7 +43,8 @@ _OF_MOTION = ("sideslip_moment", "speed_dependent_damping")
 # Effects that slow motion along sway may imitate; they count next to one of the former alone.
 _IMITATED = ("wave_torque", "heading_dependent_torque")
 _POSITIONS = {"north", "east"}
-# s; a longer delay of the drive is unlikely: bus, radio and controller take a tenth of it. Decision.
+# s; a longer delay of the drive is unlikely: bus, radio and controller take a tenth of it. Between topics of one file
+# it is no more than a suspect. A shorter one is of a class with the offset. Decision.
 _LONG_DELAY = 0.5
 # Standard errors by which a delay exceeds the lateness of the stamps, if it is the drive's own. Convention.
 _CERTAIN = 2.0
@@ -164,16 +165,20 @@ def _without_offset(
         faults.append(_offset_fault(offset, runs, done))
     findings = [finding for finding in diagnosis.findings if finding in every]
     suspects = [finding for finding in diagnosis.suspects if finding in every]
-    # The clocks of commands and motion may differ in joined logs, and by much in logs by topics.
+    # The clocks of commands and motion may differ in joined logs, and in logs by topics. The offset explains the logs
+    # exactly as a delay does, at the same price.
     apart, separate = bool(_joined(runs)), all(run.trial.separate_clocks for run in runs)
-    for delay in [finding for finding in findings if is_delay(finding.effect, _COMMAND_DELAY)]:
-        if not apart and not (separate and _size(delay, "delay")[0] > _LONG_DELAY):
+    for delay in [finding for finding in findings if apart or separate]:
+        if not any(is_delay(effect, _COMMAND_DELAY) for effect in (delay.effect, *delay.indistinguishable)):
             continue
-        findings.remove(delay)
-        rivals = (*delay.indistinguishable, CLOCKS_APART)
-        suspects.insert(0, replace(delay, indistinguishable=rivals, probability=EVEN * delay.probability))
+        place, either = findings.index(delay), (*delay.indistinguishable, CLOCKS_APART)
+        findings[place] = replace(delay, indistinguishable=either)
+        if not is_delay(delay.effect, _COMMAND_DELAY):
+            continue
         faults.append(_delay_fault(delay, runs))
-        # The offset explains the logs exactly as the delay does, at the same price.
+        if not apart and _size(delay, "delay")[0] <= _LONG_DELAY:
+            continue
+        suspects.insert(0, replace(findings.pop(place), probability=EVEN * delay.probability))
         challenger = Challenger((*(finding.effect for finding in findings), CLOCKS_APART), 0.0, 0.0)
         diagnosis = replace(diagnosis, challengers=(challenger, *diagnosis.challengers)[: THRESHOLDS.challengers_shown])
     verdict = diagnosis.verdict
@@ -254,11 +259,6 @@ def _warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
         yield (
             f"The {' or '.join(titles.values())} may be a clock offset of the joined files. The logs do not "
             "distinguish the two. Give the known offset in [join] offset."
-        )
-    elif _COMMAND_DELAY[0] in titles and all(run.trial.separate_clocks for run in runs):
-        yield (
-            f"The {titles[_COMMAND_DELAY[0]]} may be an offset between the stamps of commands and motion, which are "
-            "separate in these logs. The logs do not distinguish the two."
         )
     if delays := delays_of_the_sensor((run.trial for run in runs), causes):
         yield (

@@ -12,6 +12,7 @@ from rovid.diagnose.evidence import Evidence, grade
 from rovid.diagnose.signal_regressors import signal_name
 from rovid.diagnose.tables import TableDiagnosis
 from rovid.effects import Effect, effect_named
+from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, commands_by_name
@@ -32,6 +33,7 @@ UNIDENTIFIABLE = {
 DELAYS = ("command_delay", "thruster_lag")
 # Runs that separate two causes best; for other pairs, the run that shows one of them.
 DISCRIMINATING_RUNS = {
+    frozenset({"command_delay", CLOCKS_APART.id}): CLOCKS_APART.experiment,
     frozenset({"thruster_lag", "command_delay"}): "a fast pseudo-random command, 1 to 3 s a level",
     frozenset({"entrained_swirl", "tether_torsion"}): "six turns one way, rest, and six turns back",
     frozenset({"coulomb_resistance", "drag_curvature"}): "coast-downs to rest and the slowest possible holds",

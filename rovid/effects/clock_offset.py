@@ -33,11 +33,11 @@ def _advanced(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> Flo
 
 CLOCKS_APART: Effect = Effect(
     id="clocks_apart",
-    title="late stamps of the commands",
+    title="clock offset of the commands",
     parameters=(EffectParameter(name="lead", unit="s", high=30.0, initial_values=(0.02, 0.2, 1.0), scale="time"),),
     equation="T'(t) = T(t + δ)",
     fingerprint="the vehicle responds before its commands",
-    experiment="the same run with a copy of a command or of the heading in both files, which compares their clocks",
+    experiment="the same run with commands and motion stamped by one clock",
     rivals=("command_delay", "thruster_lag", "added_mass_memory"),
     acts=OnTorque(_advanced, settling_time=lambda *_: math.inf),
 )

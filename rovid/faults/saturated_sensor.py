@@ -123,7 +123,7 @@ def _unwrapped(data: SignalData) -> FloatArray:
 
 def _none_of(clipped: BoolArray, count: int) -> BoolArray:
     """(n - count + 1,) whether none of ``count`` successive readings is ``clipped``."""
-    return ~np.lib.stride_tricks.sliding_window_view(clipped, count).any(axis=1)
+    return np.asarray(~np.lib.stride_tricks.sliding_window_view(clipped, count).any(axis=1))
 
 
 DETECTORS: Detectors = {"signal": (_detect,)}

@@ -10,10 +10,11 @@ import pytest
 
 from rovid.core.budget import Budget
 from rovid.diagnose import foreign_logs, log_rivals
+from rovid.diagnose.evidence import Evidence
 from rovid.diagnose.foreign_logs import diagnose_majority, few_logs
 from rovid.diagnose.log_rivals import _diagnose, _warnings, _without_offset, coupled_causes, coupled_sentence
-from rovid.diagnose.result import Diagnosis, Finding
-from rovid.effects import bias_torque, command_delay, effect_named, supply_sag
+from rovid.diagnose.result import Diagnosis, Finding, OtherCause, discriminating_experiment
+from rovid.effects import bias_torque, command_delay, effect_named, supply_sag, thruster_lag
 from rovid.effects.clock_offset import CLOCKS_APART, mean_shifted
 from rovid.estimate.estimate import Estimate
 from rovid.trial.preprocessing import PreparedRuns, shift_commands
@@ -51,8 +52,25 @@ def test_a_long_delay_between_topics_may_be_an_offset(form: int, delay: float, s
     found = Diagnosis(verdict="found", findings=(finding(command_delay.FORMS[form], [delay]),))
     result = _without_offset(found, runs)
     assert bool(result.findings) == kept
-    assert [fault.fault for fault in result.faults] == ([] if kept else ["clocks_apart"])
+    either = separate and form == 0
+    assert [fault.fault for fault in result.faults] == ["clocks_apart"] * either
+    # A shorter one is as likely to be the drive's, and the corrected model is the same.
+    (cause,) = result.findings or result.suspects
+    assert (CLOCKS_APART in cause.indistinguishable) == either
+    assert cause.evidence is not Evidence.CONFIRMED or not either
+    tried = OtherCause(effect=CLOCKS_APART, bic_gain=1.0)
+    decides = discriminating_experiment(replace(cause, alternatives=(tried,)))
+    # No command distinguishes an offset from a delay.
+    assert (decides is not None and "one clock" in decides["run"]) == either
     assert result.verdict == ("found" if kept else "suspected")
+
+
+@pytest.mark.parametrize("separate", [True, False])
+def test_a_lag_that_a_delay_replaces_may_be_an_offset_between_topics(*, separate: bool) -> None:
+    runs = [replace(run, trial=replace(run.trial, separate_clocks=separate)) for run in day("small", 0)]
+    lag = replace(finding(thruster_lag.FORMS[0], [0.3]), indistinguishable=(command_delay.FORMS[0],))
+    (cause,) = _without_offset(Diagnosis(verdict="found", findings=(lag,)), runs).findings
+    assert (CLOCKS_APART in cause.indistinguishable) == separate
 
 
 @pytest.mark.parametrize(("effect", "gyro", "warned"), [(0, False, True), (0, True, False), (1, False, False)])

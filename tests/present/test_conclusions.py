@@ -24,7 +24,7 @@ from rovid.trial.vehicle import Steering
 
 
 def test_no_cause_has_its_id_for_a_title() -> None:
-    assert cause_title("clocks_apart") == "late stamps of the commands"
+    assert cause_title("clocks_apart") == "clock offset of the commands"
 
 
 def test_where_every_cause_is_confirmed_nothing_more_is_to_run(lagged: ReportData) -> None:
