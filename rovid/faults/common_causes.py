@@ -271,12 +271,20 @@ def replaces_groups(
     groups: Sequence[Collection[str]],
     remaining: Callable[[QuickModel], object],
 ) -> bool:
-    """Whether a torque of all ``runs`` leaves far less than a model of each of the ``groups``, which vanish."""
+    """Whether a torque of all ``runs`` leaves far less than a model of each of the ``groups``, which vanish.
+
+    What they leave is compared in N m: a disturbance is as large in all logs, and most of the torque of a weak one.
+    """
+
+    def left(*models: QuickModel) -> float:
+        return float(sum(np.exp(2.0 * log.log_residual) for each in models for log in each.logs))
+
     own = [fit_quick_model([run for run in runs if log_name(run) in group], vehicle) for group in groups]
-    most = sum(unexplained(each) for each in own if each) if all(own) else unexplained(model)
+    known = [each for each in own if each]
+    most = left(*known) if len(known) == len(own) else left(model)
     for acting in with_common_torque(runs, model):
         whole = fit_quick_model(acting, vehicle)
-        if whole is not None and unexplained(whole) < _FAR_LESS * most and not remaining(whole):
+        if whole is not None and left(whole) < _FAR_LESS * most and not remaining(whole):
             return True
     return False
 

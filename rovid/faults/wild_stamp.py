@@ -1,8 +1,8 @@
 """Wild stamps: single readings with a time far from that of their neighbours.
 
 A stamp is wild where dropping it leaves the rest in order, at the usual interval. Readings logged before the clock was
-set (stamps of 0, 1970 or 2000) precede a leap of hours, and are wild if they are few; a single stamp of 0 precedes any
-gap.
+set (stamps of 0, 1970 or 2000) precede a leap of hours, and are wild if they are few; a single stamp of 0, or below,
+precedes any gap.
 """
 
 from collections.abc import Iterator
@@ -26,8 +26,8 @@ _LEAST, _MOST = 0.6, 2.0
 _VERY_FAR = 10.0
 # s; recorders store messages out of order by less, and sort them.
 _DISORDER = 1.0
-# Usual intervals from a first stamp of zero to the next one, from which the clock was not set: no pause begins with one
-# reading.
+# Usual intervals from a first stamp of zero or below to the next one, from which the clock was not set: no pause begins
+# with one reading.
 _UNSET = 20.0
 # Intervals by which a first or last stamp must be out of order: single messages are stored late by one or two.
 _FAR = 3.0
@@ -35,8 +35,8 @@ _FAR = 3.0
 
 def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
     wild = _wild(data.time, data.interval, _DISORDER if data.sortable else 0.0)
-    if data.measured in data.values and len(wild) > 1 and data.time[0] == 0.0:
-        wild[0] |= data.time[1] > _UNSET * data.interval
+    if data.measured in data.values and len(wild) > 1 and data.time[0] <= 0.0:
+        wild[0] |= data.time[1] - data.time[0] > _UNSET * data.interval
     rows = np.flatnonzero(wild)
     if not rows.size:
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,12 +24,14 @@ from rovid.faults.foreign_log import (
 )
 from rovid.faults.quick_model import fit_quick_model, log_name
 from rovid.model.model import Model
+from rovid.store.study import open_study
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from rovid.trial.vehicle import Thruster, Vehicle
 from tests.conftest import slow
 from tests.faults.days import SMALL, VEHICLES, day, programme, scaled
 from tests.synthetic import LOGGED, VOLTS, clock, gauss_markov, run
+from tools.dirty import write_folder
 
 ARMS = {"a": 0.4, "b": -0.55}  # m
 TWO = Vehicle(name="two", thrusters=tuple(Thruster(name=name, arm=arm, curve=VOLTS) for name, arm in ARMS.items()))
@@ -287,6 +290,17 @@ def test_two_payloads_are_named_and_nothing_is_set_aside(vehicle: str, factors: 
     assert set(fault.logs) <= set(names) or set(fault.logs) <= set(others)
     assert len(fault.logs) >= 4
     assert fault.size == pytest.approx(1.3, abs=0.06)  # Quick, for a message.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "number"), [(777001, 8), (951190, 2)])
+def test_a_log_of_little_torque_does_not_hide_two_payloads(seed: int, number: int, tmp_path: Path) -> None:
+    """In a weak hold the disturbance is several times the torque: a memory of the water explains a share of it."""
+    truth = write_folder(tmp_path, seed, number, "foreign_log")
+    study = open_study([tmp_path])
+    (fault,) = study.faults
+    assert list(fault.logs) == truth["logs"]
+    assert fault.size == pytest.approx(truth["size"], abs=0.06)  # Quick, for a message.
 
 
 @pytest.mark.parametrize(("factor", "first"), [(1.3, 5), slow(1.8, 0)])

@@ -63,6 +63,13 @@ def test_a_single_stamp_of_zero_is_no_test_before_a_pause(count: int, found: lis
     assert len(data.time) == len(time) - (found == ["wild_stamp"])
 
 
+def test_a_single_negative_stamp_is_no_test_before_a_pause() -> None:
+    time, heading, command = motion(1)
+    time[0] = -1000.0
+    data, (fault,) = examined(clock(time, heading=heading, fore=command))
+    assert (fault.fault, len(data.time)) == ("wild_stamp", len(time) - 1)
+
+
 @pytest.mark.parametrize("interval", [0.02, 0.1, 1.0])
 @pytest.mark.parametrize("step", [0.3, 0.5, 1.0, 2.5, 30.0])
 def test_a_clock_set_back_is_not_wild(step: float, interval: float) -> None:
