@@ -4,6 +4,7 @@ A log of another vehicle or payload passes for a cause with another size in each
 compared with those of the other trials. Where one or two logs, and fewer than half, have nearly all of the differences,
 the diagnosis is repeated without these logs. If the cause is not established there, it is not established at all: the
 logs are set aside, and the cause is a suspect next to them. Of the logs of two payloads those of one are diagnosed.
+Where two payloads are only likely, a cause that the logs of one do not show is not established.
 
 A cause that the plain model lacks may deviate most in one log: a moment of sideslip in the only log with sideslip, or a
 dead zone in the only log with small commands. The causes that the other logs establish give the torque that acted in
@@ -23,7 +24,7 @@ from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.result import EVEN, Diagnosis, Finding, doubted
 from rovid.effects.further_terms import trials_in_form
 from rovid.faults.base import named
-from rovid.faults.foreign_log import belonging, minority_payload
+from rovid.faults.foreign_log import LIKELY, belonging, minority_payload
 from rovid.faults.quick_model import log_name
 from rovid.model.simulation import acting_torque
 from rovid.trial.fault import Fault, Remedy
@@ -45,12 +46,13 @@ def diagnose_majority(
     diagnosis = diagnose(prepared, vehicle, report, budget)
     names = tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in prepared.items))
     payload = minority_payload(prepared.items, vehicle) if diagnosis.findings else ()
-    odd = [(finding, logs) for finding in diagnosis.findings if (logs := payload or few_logs(finding, len(names)))]
+    kind = payload or (minority_payload(prepared.items, vehicle, LIKELY) if diagnosis.findings else ())
+    odd = [(finding, logs) for finding in diagnosis.findings if (logs := kind or few_logs(finding, len(names)))]
     if not odd:
         return diagnosis
     remaining, is_repeated = diagnosis, False
     few = dict.fromkeys(name for _, logs in odd for name in logs)
-    is_minority = bool(payload) or (len(names) >= _MIN_LOGS and 2 * len(few) < len(names))
+    is_minority = bool(kind) or (len(names) >= _MIN_LOGS and 2 * len(few) < len(names))
     if is_minority and not (budget and budget.skips("foreign_log")):
         report(f"Repeating the diagnosis without {' and '.join(few)} …")
         kept = tuple(run for run in prepared.items if not {run.trial.parent, run.trial.name} & few.keys())
@@ -59,17 +61,20 @@ def diagnose_majority(
         odd = [(finding, logs) for finding, logs in odd if finding.effect.id not in shown]
         if (odd or payload) and others.verdict != "too_little_data":
             remaining, is_repeated = others, True
+            names = tuple(name for name in names if name not in few)
+    again = [(finding, few_logs(finding, len(names))) for finding in remaining.findings] if is_repeated else []
     remedies: tuple[Remedy, Remedy] = ("none", "set_aside")
-    for finding, logs in odd:
-        remaining = doubted(remaining, finding)
-        if payload:  # the faults of the logs contain two payloads already
+    for finding, logs in (*odd, *(pair for pair in again if pair[1])):
+        first, remaining = (finding, logs) in odd, doubted(remaining, finding)
+        if payload and first:  # the faults of the logs contain two payloads already
             continue
+        aside = first and is_repeated
         belong, done = ("does not belong", "It was") if len(logs) == 1 else ("do not belong", "They were")
         text = (
             f"{named(logs)} {belong} to the other logs, or {finding.effect.title} acts there: the other logs alone do "
-            f"not show it. {f'{done} set aside.' if is_repeated else 'Repeat these runs, and compare.'}"
+            f"not show it. {f'{done} set aside.' if aside else 'Repeat these runs, and compare.'}"
         )
-        confidence, remedy = EVEN * finding.probability, remedies[is_repeated]
+        confidence, remedy = EVEN * finding.probability, remedies[aside]
         fault = Fault(fault="foreign_log", logs=logs, text=text, confidence=confidence, remedy=remedy)
         remaining = replace(remaining, faults=(*remaining.faults, fault))
     if payload and is_repeated:

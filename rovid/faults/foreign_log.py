@@ -81,6 +81,8 @@ _SCALED = {
 # Likelihood ratio of two levels against one with scatter: 99.5 % quantile of the best split of n normal deviates, by
 # 20 000 draws for each n from 4 to 30: 23 up to seven logs, and 1.1 more with each log.
 _MIN_RATIO, _RATIO_AT_ZERO, _RATIO_PER_LOG = 23.0, 15.0, 1.1
+#: The same ratio less this is the 95 % quantile.
+LIKELY = 6.5
 # Passes at most in which the larger group settles.
 _SPLITS = 6
 # Variance of the relative scatter within one level.
@@ -97,17 +99,12 @@ class _Groups:
     high: tuple[str, ...]
     low: tuple[str, ...]
     quantity: str
-    is_significant: bool
+    excess: float  #: Of the ratio over that of chance.
 
     @property
     def smaller(self) -> tuple[str, ...]:
         """The logs of the level that fewer logs have."""
-        return self.high if len(self.high) <= len(self.low) else self.low
-
-    @property
-    def larger(self) -> tuple[str, ...]:
-        """The logs of the other level."""
-        return self.low if len(self.high) <= len(self.low) else self.high
+        return min(self.high, self.low, key=len)
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
@@ -302,25 +299,25 @@ def _doubtful(detection: Detection[RunsData], done: str) -> Detection[RunsData]:
     return Detection(fault=replace(detection.fault, remedy="none", confidence=_EVEN, may_be_explained=False), done=done)
 
 
-def minority_payload(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:
+def minority_payload(runs: Sequence[Run], vehicle: Vehicle, less: float = 0.0) -> tuple[str, ...]:
     """The smaller of two groups of logs with another inertia or drag; empty if another scale of all thrust may act."""
     model = fit_quick_model(runs, vehicle)
-    groups = [] if model is None else significant_groups(model)
+    groups = [] if model is None else significant_groups(model, less)
     best = max(groups, key=lambda each: each.ratio, default=None)
     if best is None or any(each.quantity == _BOTH and each.ratio > best.ratio - _UNLIKELY for each in groups):
         return ()
     return best.smaller
 
 
-def significant_groups(model: QuickModel) -> list[_Groups]:
-    """The best split in two groups by each quantity, if it is significant."""
+def significant_groups(model: QuickModel, less: float = 0.0) -> list[_Groups]:
+    """The best split in two groups by each quantity, if it is significant by a likelihood ratio that is ``less``."""
     # (3,) difference of each log's own parameters from the common model, and its (3, 3) information.
     slopes = [np.linalg.pinv(log.slope, rcond=1e-10) for log in model.logs]
     pairs = list(zip(slopes, model.logs, strict=True))
     weights = [np.linalg.pinv(slope @ log.noise @ slope.T, rcond=1e-10, hermitian=True) for slope, log in pairs]
     own = [slope @ log.score for slope, log in pairs]
     found = [_settled_groups(model, own, weights, quantity) for quantity in _SCALED]
-    return [each for each in found if each and each.is_significant]
+    return [each for each in found if each and each.excess > -less and each.step > _MIN_STEP]
 
 
 def _settled_groups(
@@ -337,9 +334,9 @@ def _settled_groups(
         mean = np.linalg.pinv(np.sum([weights[at] for at in among], axis=0), rcond=1e-10, hermitian=True) @ product
         pulls = [weight @ (each - mean) for weight, each in zip(weights, own, strict=True)]
         found = _groups(model.logs, pulls, weights, _SCALED[quantity] * (model.values + mean), quantity)
-        if found is None or larger == set(found.larger):
+        if found is None or larger == (others := {*found.high, *found.low} - {*found.smaller}):
             break
-        larger = set(found.larger)
+        larger = others
     return found
 
 
@@ -374,7 +371,7 @@ def _groups(
         high=tuple(sorted(names[cut:])),
         low=tuple(sorted(names[:cut])),
         quantity=quantity,
-        is_significant=ratio > needed and step > _MIN_STEP,
+        excess=ratio - needed,
     )
 
 

@@ -226,6 +226,27 @@ def test_of_two_payloads_the_logs_of_one_are_diagnosed(monkeypatch: pytest.Monke
     assert "one payload alone" in result.warnings[0]
 
 
+@pytest.mark.parametrize("shown", [False, True])
+def test_two_payloads_that_are_only_likely_are_a_rival(*, shown: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cause that the logs of one payload do not show is none, and neither is one of a single log of these."""
+    runs = PreparedRuns(items=tuple(day("small", 0)), cutoff=1.0, chosen=True, remarks=())
+    every = Diagnosis(verdict="found", findings=(finding(SAG, [0.2, 1.0]),))
+    single = Diagnosis(verdict="found", findings=(finding(bias_torque.for_trials(NAMES[6:7]), [0.3]),))
+
+    def diagnosed(prepared: PreparedRuns, *_: object) -> Diagnosis:
+        return every if shown or prepared is runs else single
+
+    monkeypatch.setattr(foreign_logs, "diagnose", diagnosed)
+    monkeypatch.setattr(foreign_logs, "minority_payload", lambda _, __, less=0.0: NAMES[:4] if less else ())
+    result = diagnose_majority(runs, VEHICLE, lambda _: None)
+    if shown:
+        assert result is every
+        return
+    assert (result.verdict, result.findings) == ("suspected", ())
+    assert {suspect.effect.id for suspect in result.suspects} == {"supply_sag", "bias_torque"}
+    assert [(fault.logs, fault.remedy) for fault in result.faults] == [(NAMES[:4], "set_aside"), (NAMES[6:7], "none")]
+
+
 def found(*names: str) -> Diagnosis:
     estimate = Estimate(names=(), values=np.zeros(0), covariance=np.zeros((0, 0)), method="", samples=0)
     findings = tuple(
