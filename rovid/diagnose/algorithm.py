@@ -28,7 +28,7 @@ from dataclasses import replace
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
 from rovid.core.spmd import forked_workers
-from rovid.diagnose.build_result import build_diagnosis
+from rovid.diagnose.build_result import build_diagnosis, search_warnings
 from rovid.diagnose.challenge import challenge
 from rovid.diagnose.cross_validation import missing_data, split_runs
 from rovid.diagnose.formulas.search import doubt_stand_ins
@@ -48,7 +48,7 @@ from rovid.diagnose.selection import Selection
 from rovid.diagnose.stated_selection import state
 from rovid.diagnose.stepwise import SearchStop, StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import drop_inconsistent, drop_likely, first_rejection, report_remainder, search_warnings
+from rovid.diagnose.validation import drop_inconsistent, drop_likely, first_rejection, report_remainder
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.output_error import fit_output_error

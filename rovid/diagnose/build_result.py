@@ -55,6 +55,23 @@ _LONGEST = _SWAY.parameters[1].high
 # slender hull of length L inertia and drag in yaw about that centre are L^2/12 of those in sway, and 0.15^2 is 0.27 of
 # 1/12. Of drag, which does not vanish at rest, the share is 0.27/1.27.
 _LARGEST = MappingProxyType({"added_mass_memory": 0.27, "entrained_swirl": 0.21})
+_MULTI_STEP = (
+    "The innovations are not white, or the disturbance is at its limit: one-step predictions are too noisy to find "
+    "causes. So the diagnosis used predictions from half to eight time constants ahead. Gains are of their "
+    "log-likelihood, with correlated errors counted once."
+)
+_CUT_SHORT = (
+    "The search ended before it was complete, because each addition asked for another one. The effects found may stand "
+    "in for other causes. More time does not help; further runs may."
+)
+OUT_OF_TIME = (
+    "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
+    "larger --budget, to `rovid open` as well."
+)
+_INCONSISTENT = (
+    "{} improves multi-step predictions, but one-step predictions show less of it, as where commands respond to waves: "
+    "it is not claimed."
+)
 
 
 def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
@@ -119,6 +136,19 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         is_endless=SearchStop.CUT_SHORT in selection.search.progress.stops,
         fitted=None if model.data.means_only else CandidateModel.from_fit("the model", model, estimate.covariance),
     )
+
+
+def search_warnings(selection: Selection, notes: Sequence[str]) -> list[str]:
+    """Warnings about the search that selected the model; ``notes`` are those of one-step predictions."""
+    # Drop the notes on trials cut into parts: multi-step predictions are of whole trials.
+    warnings = [_MULTI_STEP] if selection.multi_step else list(notes)
+    if SearchStop.CUT_SHORT in selection.search.progress.stops:
+        warnings.append(_CUT_SHORT)
+    elif selection.is_out_of_time:
+        warnings.append(OUT_OF_TIME.format(selection.search.budget.seconds))
+    warnings += [_INCONSISTENT.format(effect.title) for effect in selection.inconsistent]
+    warnings += selection.messages
+    return warnings
 
 
 def _lacks_torque(selection: Selection, model: FitResult) -> bool:

@@ -374,4 +374,4 @@ def _begin(current: FitResult, objective: NegativeLogLikelihood, test: ScoreTest
     else:
         starts = [[test.best_start], scaled]
     fits = [fit_from_best_start(objective, current, few, THRESHOLDS.first_iterations, goal) for few in starts]
-    return at_best_instant(min(fits, key=lambda one: one.value), THRESHOLDS.first_iterations)
+    return at_best_instant(min(fits, key=lambda one: one.value), THRESHOLDS.first_iterations, goal)

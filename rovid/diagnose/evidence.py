@@ -11,12 +11,15 @@ from rovid.core.stats import f_sf, logistic, logit, t_cdf
 from rovid.diagnose.candidate_fits import fit_coarse
 from rovid.diagnose.thresholds import ESTABLISHED, THRESHOLDS
 from rovid.effects import Effect, supply_sag
-from rovid.effects.base import Scales
+from rovid.effects.base import Instant, Scales, Term
+from rovid.effects.coulomb_resistance import EFFECT as FRICTION
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.fit_result import FitResult
 
 # What people read where the logs do not decide between causes, or decide nothing.
 CANNOT_TELL = "cannot tell"
+# Share of the thrust that a switch takes away, from which friction does the same: the threshold has an error. Decision.
+_HELD_SHARE = 0.9
 
 
 def posterior_probability(
@@ -198,6 +201,30 @@ def _single_outlier(fitted: FitResult, effect: Effect) -> float:
     t_statistic = abs(float(thrusts @ contrast)) / math.sqrt(variance)
     # Two-sided, and Bonferroni's correction for the choice of the trial.
     return max(0.0, 1.0 - 2.0 * len(thrusts) * t_cdf(freedom, -t_statistic))
+
+
+def is_held_by_friction(fitted: FitResult, effect: Effect) -> bool:
+    """Whether ``effect`` changes thrust almost only where dry friction of the model can hold the vehicle at rest.
+
+    The law of friction changes its sign over a range of rates, and the vehicle creeps there. Real friction sticks, like
+    a thrust that begins where the vehicle breaks away.
+    """
+    friction = next((one for one in fitted.effects if one.id == FRICTION.id), None)
+    vehicle, model = fitted.data.vehicle, fitted.model
+    if friction is None or vehicle is None or not effect.changes_torque_input:
+        return False
+    acts, held = friction.acts, 0.0
+    assert isinstance(acts, Term)  # noqa: S101 - all forms of friction are
+    numbers = tuple(float(model.values[model.names.index(name)]) for name in friction.parameter_names)
+    for rate in (fitted.data.scales.rate * np.geomspace(1e-3, 1.0)).tolist():
+        at = Instant(rate, rate, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, model.body)
+        held = max(held, abs(acts.evaluate(at, numbers, (1.0,) * acts.states)[0]))
+    effects, x = fitted.without(effect)
+    without = fitted.objective.with_effects(effects).parametrization.model(x)
+    every = [[each.torque_input(vehicle, run.trial).torque for run in fitted.data.runs] for each in (model, without)]
+    own, plain = map(np.concatenate, every)
+    change = np.abs(own - plain)
+    return bool(change[np.abs(plain) <= held].sum() > _HELD_SHARE * change.sum())
 
 
 class Evidence(StrEnum):

@@ -291,11 +291,14 @@ def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: M
         budget.shorten(THRESHOLDS.hopeless_share)
     wave_data = thin_for_waves(data)
     wave = next((form for form in forms if form.is_wave), None)
+    tested: dict[ModelKey, WaveTest] = {}
 
     def wave_test(beside: FitResult) -> WaveTest:
-        budget.report("Testing for waves …")
-        searched = None if wave is not None and budget.skips(wave.id) else wave
-        return run_wave_test(wave_data, beside, searched, pieces)
+        if beside.key not in tested:
+            budget.report("Testing for waves …")
+            searched = None if wave is not None and budget.skips(wave.id) else wave
+            tested[beside.key] = run_wave_test(wave_data, beside, searched, pieces)
+        return tested[beside.key]
 
     innovations = InnovationObjective(
         data=replace(data, runs=runs), wave_data=wave_data, candidates=candidates, budget=budget

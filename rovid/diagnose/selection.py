@@ -64,6 +64,13 @@ class Selection:
         """The selection with a search that never selects ``effects`` again."""
         return replace(self, search=self.search.ban(*effects))
 
+    def reinstate(self, fitted: FitResult) -> Self:
+        """The selection with the model ``fitted``, none of whose effects counts as dropped or banned any more."""
+        ids = {effect.id for effect in fitted.effects}
+        search = replace(self.search, banned=self.search.banned - ids)
+        inconsistent = tuple(effect for effect in self.inconsistent if effect.id not in ids)
+        return replace(self, search=search, model=fitted, inconsistent=inconsistent)
+
     def drop(self, effect: Effect) -> Self:
         """The selection without ``effect`` in the model, all other parameters refitted."""
         return replace(self, model=self.search.without(self.model, effect))

@@ -6,7 +6,7 @@ selection and the effect. It returns why the effect fails, or an empty text.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 
@@ -30,6 +30,7 @@ from rovid.diagnose.cross_validation import (
 )
 from rovid.diagnose.evidence import (
     has_consistent_size,
+    is_held_by_friction,
     outlier_probability,
     posterior_probability,
     recalibrated,
@@ -37,28 +38,10 @@ from rovid.diagnose.evidence import (
 )
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
-from rovid.diagnose.stepwise import SearchStop, StepwiseSearch
+from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.fit_result import FitResult
-
-_MULTI_STEP = (
-    "The innovations are not white, or the disturbance is at its limit: one-step predictions are too noisy to find "
-    "causes. So the diagnosis used predictions from half to eight time constants ahead. Gains are of their "
-    "log-likelihood, with correlated errors counted once."
-)
-_CUT_SHORT = (
-    "The search ended before it was complete, because each addition asked for another one. The effects found may stand "
-    "in for other causes. More time does not help; further runs may."
-)
-OUT_OF_TIME = (
-    "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
-    "larger --budget, to `rovid open` as well."
-)
-_INCONSISTENT = (
-    "{} improves multi-step predictions, but one-step predictions show less of it, as where commands respond to waves: "
-    "it is not claimed."
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,6 +169,12 @@ def raises_disturbance(selection: Selection, effect: Effect) -> str:
     return f"leaves a disturbance that is {100.0 * growth:.0f} % larger"
 
 
+def held_by_friction(selection: Selection, effect: Effect) -> str:
+    """The effect acts only where friction of the model holds the vehicle: friction that sticks looks the same."""
+    text = "acts only at thrusts that friction holds, as friction does that sticks at rest"
+    return text * is_held_by_friction(selection.model, effect)
+
+
 def likely(selection: Selection, effect: Effect) -> str:
     """The posterior probability is below `THRESHOLDS.established`, or the budget ended before every test."""
     is_open = _probability(selection, effect) < THRESHOLDS.established or selection.is_out_of_time
@@ -205,6 +194,7 @@ RULES: tuple[Callable[[Selection, Effect], str], ...] = (
     simulates_worse,
     changes_inertia_alone,
     within_sampling,
+    held_by_friction,
     likely,
 )
 
@@ -234,21 +224,45 @@ def drop_likely(selection: Selection, likely: Collection[str]) -> Selection:
 
 
 def drop_inconsistent(selection: Selection) -> Selection:
-    """Test for waves, and drop effects with a smaller size in one-step predictions; search again without them."""
+    """Test for waves, and drop effects with a smaller size in one-step predictions; search again without them.
+
+    A dropped effect returns if it gains more than an effect of the last model, and its size is consistent there.
+    """
     wave_test = selection.wave_test
     if wave_test is None:
         return selection
+    returned: set[str] = set()
     for _ in range(THRESHOLDS.max_rejections):
         waves = wave_test(selection.model)
         selection, model = replace(selection, waves=waves), selection.model
         dropped = [effect for effect in model.effects if not has_consistent_size(model, waves.likelier, effect)]
-        if not dropped:
+        if dropped:
+            for effect in dropped:
+                selection = selection.drop(effect)
+            selection = replace(selection, inconsistent=(*selection.inconsistent, *dropped))
+            selection = selection.ban(*dropped).search_on()
+            continue
+        candidates = {effect.id for effect in selection.inconsistent} - returned
+        better = _consistent_in_place(selection, waves.likelier, candidates)
+        if better is None:
             return selection
-        for effect in dropped:
-            selection = selection.drop(effect)
-        selection = replace(selection, inconsistent=(*selection.inconsistent, *dropped))
-        selection = selection.ban(*dropped).search_on()
+        returned |= {effect.id for effect in better.effects}
+        selection = selection.reinstate(better)
     return replace(selection, model=selection.base, waves=wave_test(selection.base))
+
+
+def _consistent_in_place(selection: Selection, one_step: FitResult, dropped: Collection[str]) -> FitResult | None:
+    """The model with a dropped effect that gains more in the place of another one, and has a consistent size there.
+
+    A size is inconsistent next to the effects of that time, and one of these may have been a stand-in.
+    """
+    for effect in selection.model.effects if dropped else ():
+        cause, beside = selection.cause(effect), FitCache().without(one_step, effect)
+        for one in cause.alternatives:
+            gains_more = one.effect.id in dropped and one.bic_gain > cause.bic_gain
+            if gains_more and has_consistent_size(one.fitted, beside, one.effect):
+                return one.fitted
+    return None
 
 
 def report_remainder(selection: Selection) -> Selection:
@@ -284,19 +298,6 @@ def _report_limited(selection: Selection) -> Selection:
         elif (why := why_implausible(fitted)) and search.is_allowed(effect) and not is_signal(effect):
             text = f"{effect.title} would gain a log-likelihood of {gain:.0f} with {why}."
     return selection.with_message(text) if text else selection
-
-
-def search_warnings(selection: Selection, notes: Sequence[str]) -> list[str]:
-    """Warnings about the search that selected the model; ``notes`` are those of one-step predictions."""
-    # Drop the notes on trials cut into parts: multi-step predictions are of whole trials.
-    warnings = [_MULTI_STEP] if selection.multi_step else list(notes)
-    if SearchStop.CUT_SHORT in selection.search.progress.stops:
-        warnings.append(_CUT_SHORT)
-    elif selection.is_out_of_time:
-        warnings.append(OUT_OF_TIME.format(selection.search.budget.seconds))
-    warnings += [_INCONSISTENT.format(effect.title) for effect in selection.inconsistent]
-    warnings += selection.messages
-    return warnings
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,6 +356,8 @@ def suspects(selection: Selection) -> list[Suspected]:
             return f"its size is only {size:.1f} standard errors"
         if change_in_samples(one.effect, one.fitted, model, selection.pieces) < THRESHOLDS.sampling_share:
             return "it changes the simulation less than the sampling of the logs does"
+        if is_held_by_friction(one.fitted, one.effect):
+            return "it acts only at thrusts that friction holds"
         if any(_stands_in(one, better, search) for better in inconsistent if better.bic_gain > one.bic_gain):
             return "it loses most of its gain next to a cause that one-step predictions exclude"
         if next_to_waves is None or has_consistent_size(one.fitted, next_to_waves, one.effect):

@@ -45,6 +45,7 @@ class CandidateModel:
     noise: float  # standard deviation of the measurement
     integrated: bool = False  # the rate alone is measured
     is_assumed: bool = False  # the logs do not show its last effect, whose size is assumed
+    lasting: FloatArray | float = 0.0  # (p, p) part of the covariance that no further run reduces
 
     @classmethod
     def from_fit(cls, name: str, fitted: FitResult, covariance: FloatArray) -> Self:
@@ -61,7 +62,7 @@ class CandidateModel:
 def candidate_model(fit: LikelihoodFit, name: str) -> CandidateModel:
     """Model of a maximum-likelihood fit with its uncertainty."""
     noises = fit.disturbance, fit.correlation_time, fit.position_noise
-    return CandidateModel(name, fit.model, fit.estimate.covariance, *noises, fit.rate_only)
+    return CandidateModel(name, fit.model, fit.estimate.covariance, *noises, fit.rate_only, lasting=fit.lasting)
 
 
 def with_visible_size(candidate: CandidateModel) -> CandidateModel:
@@ -233,10 +234,12 @@ def _expected_information(
     rates = np.array([trial.rate for trial in trials])
     if len(models) == 1:
         _, jacobian = _innovations(trials[0], models[0], vehicle)
-        at, (prior, scale) = models[0].model.names.index(parameter), _prior_information(models[0].covariance)
-        # In units of the standard deviations before the run, the variance of a parameter before is one.
-        after = np.linalg.pinv(prior + (jacobian * scale).T @ (jacobian * scale), rcond=1e-12)
-        gain = -math.log(max(after[at, at], 1e-300))
+        at, before = models[0].model.names.index(parameter), models[0].covariance
+        # The run reduces the error by noise and disturbance, and not that by what the model lacks.
+        prior, scale = _prior_information(before - models[0].lasting)
+        narrowed = np.linalg.pinv(prior + (jacobian * scale).T @ (jacobian * scale), rcond=1e-12)[at, at]
+        reducible = scale[at] ** 2 / before[at, at]
+        gain = -math.log(max(narrowed * reducible + 1.0 - reducible, 1e-300))
     else:
         first, second = models
         # Either model may be true: the smaller gain counts.

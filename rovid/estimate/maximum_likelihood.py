@@ -54,6 +54,9 @@ class LikelihoodFit:
     """Maximum-likelihood estimate, with its disturbance and noise."""
 
     estimate: Estimate
+    #: (p, p) part of the covariance that more data of the same kind do not reduce: what the model lacks, and the scale
+    #: of the thrust.
+    lasting: FloatArray
     model: Model
     log_likelihood: float  #: Of the innovations of all trials.
     #: ``disturbance``, ``correlation_time``: standard deviation of the disturbance torque in N m and its correlation
@@ -177,6 +180,7 @@ def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
     if not data.has_actuators:
         estimate = estimate.normalised_by_inertia()
     require_inertia(estimate, MIN_INERTIA_SIGMAS)
+    sampling = estimate.covariance
     # Added after the check of the excitation, because misspecification does not mean too little excitation.
     estimate = replace(estimate, covariance=estimate.covariance + added)
     estimate = include_missing_torque(estimate, fitted)
@@ -184,6 +188,7 @@ def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
     disturbance, memory = fitted.disturbance
     return LikelihoodFit(
         estimate=estimate,
+        lasting=estimate.covariance - sampling,
         model=model,
         log_likelihood=-fitted.value,
         disturbance=disturbance,

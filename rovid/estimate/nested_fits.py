@@ -132,10 +132,11 @@ def exchanged_or_same(fitted: FitResult) -> FitResult:
     return other if other.value + handicaps[1] < fitted.value + handicaps[0] else fitted
 
 
-def at_best_instant(fitted: FitResult, iterations: int = ITERATIONS) -> FitResult:
+def at_best_instant(fitted: FitResult, iterations: int = ITERATIONS, goal: float = math.inf) -> FitResult:
     """The fit continued from the most likely instants of its last effect, if that has any, one after the other.
 
-    The likelihood has an optimum near each change of the commands. So instants in all logs are tried, then nearer ones.
+    The likelihood has an optimum near each change of the commands. So instants in all logs are tried, then nearer ones,
+    until the instants no longer change, or the value ``goal`` is out of reach.
     """
     parametrization = fitted.objective.parametrization
     last = fitted.effects[-1] if fitted.effects else None
@@ -156,6 +157,8 @@ def at_best_instant(fitted: FitResult, iterations: int = ITERATIONS) -> FitResul
         if x is fitted.x:
             break
         fitted = fit(fitted.objective, x, iterations=iterations)
+        if fitted.remaining_gain < fitted.value - goal:
+            break
     return fitted
 
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
+from rovid.diagnose.build_result import OUT_OF_TIME
 from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.evidence import size_in_errors
 from rovid.diagnose.result import Conclusion, Finding
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import OUT_OF_TIME
 from rovid.effects import Effect
 from rovid.effects.base import Coupling, WaterCurrent
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2

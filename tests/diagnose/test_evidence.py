@@ -18,6 +18,7 @@ from rovid.diagnose.evidence import (
     confirming_gain,
     grade,
     has_consistent_size,
+    is_held_by_friction,
     outlier_probability,
     posterior_probability,
     probability_not_a_stand_in,
@@ -27,9 +28,14 @@ from rovid.diagnose.result import Diagnosis
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE, THRESHOLDS
-from rovid.effects import effect_named
+from rovid.effects import Effect, effect_named
 from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
+from rovid.estimate.objective import UNLIMITED
+from rovid.trial.preprocessing import prepare
+from rovid.trial.trial import Campaign
 from tests import synthetic
 from tests.predictions import TIME, fitted, records, weakened
 from tests.present.test_sentences import LAG
@@ -89,6 +95,33 @@ def test_with_white_innovations_there_is_no_recalibration() -> None:
 def test_a_true_cause_has_a_consistent_size() -> None:
     found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
     assert has_consistent_size(found, near, found.effects[0])
+
+
+def test_a_switch_below_the_breakaway_of_friction_looks_like_friction_that_sticks() -> None:
+    """Thrust of 100 N/V, a staircase to 200 N, and a friction of 60 N m in motion and 85 N m near rest."""
+    time = synthetic.clock(120.0, rate=5.0)
+    steps = np.repeat([0.2, 0.5, 0.7, 1.0, 1.5, 2.0, -0.5], 86)[: len(time)]
+    stairs = synthetic.trial(time, steps, np.sin(0.1 * time))
+    runs = prepare(Campaign(trials=(stairs,), sources=()), synthetic.VEHICLE, cutoff=1.0).items
+    data = InnovationData(runs, synthetic.VEHICLE, synthetic.ROSUB)
+    friction, switch = effect_named("coulomb_resistance:stiction"), effect_named("command_hysteresis:schmitt")
+    drag = effect_named("drag_curvature")
+
+    def is_held(width: float, *others: tuple[Effect, float, float]) -> bool:
+        effects = (*(effect for effect, *_ in others), switch)
+        values = (*(value for _, *pair in others for value in pair), width)
+        model = replace(synthetic.ROSUB, effects=effects, effect_values=values)
+        objective = InnovationLikelihood(data, UNLIMITED, effects)
+        x = objective.parametrization.coordinates_of(model, 1.0, 1.0, 1e-4)
+        return is_held_by_friction(FitResult(objective, x, 0.0), switch)
+
+    rubbing = friction, 60.0, 0.05
+    assert is_held(0.8, rubbing)
+    assert not is_held(1.2, rubbing)
+    assert not is_held(0.8)
+    objective = InnovationLikelihood(data, UNLIMITED, (friction, drag))
+    x = objective.parametrization.initial()
+    assert not is_held_by_friction(FitResult(objective, x, 0.0), drag)
 
 
 def test_a_size_that_one_step_predictions_do_not_show_is_inconsistent() -> None:

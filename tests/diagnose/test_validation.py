@@ -11,7 +11,8 @@ import pytest
 
 from rovid.diagnose import cross_validation, validation
 from rovid.diagnose.algorithm import validate
-from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score
+from rovid.diagnose.build_result import search_warnings
+from rovid.diagnose.candidate_fits import Alternative, Cause, FitCache, bic_score
 from rovid.diagnose.challenge import resolve_ties
 from rovid.diagnose.cross_validation import HeldOutScores
 from rovid.diagnose.evidence import probability_not_a_stand_in
@@ -25,7 +26,6 @@ from rovid.diagnose.validation import (
     first_rejection,
     raises_disturbance,
     report_remainder,
-    search_warnings,
     simulates_worse,
     suspects,
     within_sampling,
@@ -386,6 +386,27 @@ def test_an_effect_that_one_step_predictions_do_not_show_is_dropped(
     assert dropped.waves is not None
     monkeypatch.setattr(validation, "has_consistent_size", lambda *_: True)
     assert drop_inconsistent(tested).model is tested.model
+
+
+def test_a_dropped_effect_returns_where_its_size_is_consistent(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Next to a stand-in its size was not: a lesser cause does not keep its place."""
+    cause, objective = selection.cause(BIAS), selection.model.objective.with_effects((UNEQUAL,))
+    fitted = FitResult(objective, objective.parametrization.initial(), 0.0, 0.0)
+    better = Alternative(UNEQUAL, cause.bic_gain + 1.0, fitted)
+
+    def in_place(_: Selection, effect: Effect) -> Cause:
+        return replace(cause, alternatives=(better,) if effect is BIAS else ())
+
+    monkeypatch.setattr(Selection, "cause", in_place)
+    monkeypatch.setattr(validation, "has_consistent_size", lambda *_: True)
+    monkeypatch.setattr(FitCache, "without", lambda _, fitted, *__: fitted)
+    lesser = replace(selection.ban(UNEQUAL), wave_test=lambda beside: WaveTest(beside, ()))
+    assert drop_inconsistent(lesser).model is selection.model
+    back = drop_inconsistent(replace(lesser, inconsistent=(UNEQUAL,)))
+    assert (back.model, back.inconsistent) == (fitted, ())
+    assert back.search.is_allowed(UNEQUAL)
 
 
 def test_a_further_effect_with_a_notable_gain_is_reported(selection: Selection) -> None:

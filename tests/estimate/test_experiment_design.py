@@ -50,6 +50,17 @@ def test_a_large_step_improves_the_inertia_more_than_a_small_one() -> None:
     assert step.gain_per_minute == pytest.approx(step.gain * 60.0 / 200.0)
 
 
+def test_no_run_reduces_what_the_model_lacks() -> None:
+    """Of an error that is half of a missing torque, an endless run leaves that half."""
+    sure = model_with()
+    unsure = replace(sure, covariance=2.0 * sure.covariance, lasting=sure.covariance)
+    (alone,), (beside,) = (
+        rank_runs([STEP], [one], VEHICLE, RunLimits(), parameter="inertia") for one in (sure, unsure)
+    )
+    assert beside.gain == pytest.approx(math.log(2.0 / (1.0 + math.exp(-alone.gain))))
+    assert beside.gain < math.log(2.0) < alone.gain
+
+
 def test_a_run_at_rest_has_no_information() -> None:
     rest = CandidateRun(name="rest", time=TIME, commands=0.0 * STEP.commands)
     (found,) = rank_runs([rest], [model_with()], VEHICLE, RunLimits(), parameter="inertia")
