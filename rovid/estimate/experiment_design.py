@@ -62,7 +62,9 @@ class CandidateModel:
 def candidate_model(fit: LikelihoodFit, name: str) -> CandidateModel:
     """Model of a maximum-likelihood fit with its uncertainty."""
     noises = fit.disturbance, fit.correlation_time, fit.position_noise
-    return CandidateModel(name, fit.model, fit.estimate.covariance, *noises, fit.rate_only, lasting=fit.lasting)
+    # A torque that the logs do not show may be excluded by further ones, and one that they show stays.
+    lasting = fit.lasting if fit.estimate.lacks_torque else 0.0
+    return CandidateModel(name, fit.model, fit.estimate.covariance, *noises, fit.rate_only, lasting=lasting)
 
 
 def with_visible_size(candidate: CandidateModel) -> CandidateModel:

@@ -54,8 +54,8 @@ class LikelihoodFit:
     """Maximum-likelihood estimate, with its disturbance and noise."""
 
     estimate: Estimate
-    #: (p, p) part of the covariance that more data of the same kind do not reduce: what the model lacks, and the scale
-    #: of the thrust.
+    #: (p, p) part of the covariance that is not by noise and disturbance: what the model may lack, other optima, and
+    #: the scale of the thrust.
     lasting: FloatArray
     model: Model
     log_likelihood: float  #: Of the innovations of all trials.
