@@ -23,7 +23,15 @@ from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, Detectors, RunsData, named, without
 from rovid.faults.clock_drift import clock_drift
 from rovid.faults.quick_model import log_name, log_parts
-from rovid.faults.response_delay import FEW_BLOCKS, LONGEST, ResponseDelay, ShiftedTorque, far_delay, response_delay
+from rovid.faults.response_delay import (
+    FEW_BLOCKS,
+    LONGEST,
+    MOSTLY,
+    ResponseDelay,
+    ShiftedTorque,
+    far_delay,
+    response_delay,
+)
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, prepare_trials
 from rovid.trial.rates import integral
@@ -41,10 +49,10 @@ _MIN_OFFSET, _INTERVALS, _SIGNIFICANT, _EXPLAINED = 0.04, 2.0, 5.0, 0.2
 # Least share of the mean square residual that a drift explains: at most 0.03 in 200 undamaged campaigns, half of them
 # with a hidden cause.
 _DRIFT_EXPLAINS = 0.05
-# Logs with a majority; share of the unexplained torque that the clocks of one log explain: 0.92 and more of 20 logs
-# with clocks apart, 0.55 and less of others. A lag may delay one log more than the others: by periods of the cut-off,
-# and by delays of the others.
-_MIN_LOGS, _MOSTLY, _LATE, _LAGS = 3, 0.8, 0.5, 3.0
+# Logs with a majority. The clocks of one log explain 0.92 and more of the unexplained torque of 20 logs with clocks
+# apart, and 0.55 and less of others: `MOSTLY` lies between. A lag may delay one log more than the others: by periods of
+# the cut-off, and by delays of the others.
+_MIN_LOGS, _LATE, _LAGS = 3, 0.5, 3.0
 # Probability that a delay of joined files is an offset of their clocks: the logs do not show which.
 _RIVAL = 0.5
 
@@ -59,7 +67,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     logs, longest = tuple(log_parts(data.runs)), LONGEST / data.runs[0].rates.kernel.cutoff
     # Fewer logs do not determine a vehicle as well as clocks that are far apart: most of all sines alone.
     far = far_delay(data.runs) if len(logs) >= _MIN_LOGS else None
-    if far is not None and far.improvement > _MOSTLY and _is_offset(abs(far.delay) - longest, far, data.runs):
+    if far is not None and far.improvement > MOSTLY and _is_offset(abs(far.delay) - longest, far, data.runs):
         others = "and no thruster is as slow"
         yield Detection(fault=_early_motion(logs, far) if far.delay < 0.0 else _late_motion(logs, far, 0.0, others))
         return
@@ -95,7 +103,7 @@ def _log_apart(data: RunsData) -> Detection[RunsData] | None:
         own = far_delay(runs, values, usual)
         # A lag delays a fast programme by more than a slow one.
         late = _LATE * period + _LAGS * max(usual, 0.0)
-        if own is None or own.improvement < _MOSTLY:
+        if own is None or own.improvement < MOSTLY:
             continue
         is_early = _is_early(own, data.runs) and _is_early_with_water(name, own, data.runs)
         if len(parts) < _MIN_LOGS:

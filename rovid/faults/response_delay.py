@@ -34,8 +34,8 @@ _FAR = 0.5
 _EXPLAINED = 0.2
 # Range around such a shift, in periods of the cut-off, in which it is refined.
 _NEAR = 2.0
-#: Jackknife blocks of a shift that explains most of the torque: its error decides nothing.
-FEW_BLOCKS = 3
+#: Jackknife blocks of a shift that explains most of the torque, by this share: its error decides nothing.
+FEW_BLOCKS, MOSTLY = 3, 0.8
 # Relative ridge of regular moments.
 _RIDGE = 1e-12
 
@@ -96,9 +96,8 @@ class ShiftedTorque:
         One sine alone determines no delay without them.
         """
         xx, xt, tt, variation = self._moments
-        if len(xx) < least_blocks:
-            return None
-        if np.count_nonzero(variation > _VARIES * tt[:, tt.shape[1] // 2].mean()) < least_blocks:
+        blocks = np.count_nonzero(variation > _VARIES * tt[:, tt.shape[1] // 2].mean()) if len(xx) else 0
+        if blocks < FEW_BLOCKS:
             return None
         sums = xx.sum(axis=0), xt.sum(axis=0), tt.sum(axis=0)
         total, fitted = _residuals(*sums, values)
@@ -109,12 +108,13 @@ class ShiftedTorque:
         best, *found = (_minimum(each, nearest) for each in (total, *rests))
         count, middle = len(found), len(total) // 2
         error = math.sqrt((count - 1.0) * float(np.var(found)))
-        if not math.isfinite(best + error):
+        improvement = 1.0 - float(total[nearest]) / max(float(total[middle]), 1e-300)
+        if not math.isfinite(best + error) or (blocks < least_blocks and improvement < MOSTLY):
             return None
         return ResponseDelay(
             delay=float(middle - best) * self._unit,
             error=error * self._unit,
-            improvement=1.0 - float(total[nearest]) / max(float(total[middle]), 1e-300),
+            improvement=improvement,
             values=fitted if values is not None else fitted[:, middle],
         )
 

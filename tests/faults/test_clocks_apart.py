@@ -35,6 +35,15 @@ def shifted(run: Run, samples: int) -> Run:
     return replace(run, torque=torque, filtered_torque=run.rates.filter_held(run.trial, torque))
 
 
+def test_few_steps_show_clocks_that_explain_most_of_the_torque() -> None:
+    """Four steps of two holds: too few for an error of five blocks."""
+    runs = [run for run in day("small", 1) if run.trial.name in {"hold_2.csv", "hold_4.csv"}]
+    assert not faults(runs)
+    (fault,) = faults([shifted(run, 30) for run in runs])
+    assert (fault.fault, fault.stops, len(fault.logs)) == ("clocks_apart", True, 2)
+    assert fault.size == pytest.approx(-30 * runs[0].trial.sampling_interval, rel=0.05)
+
+
 def test_shifts_that_leave_no_reading_determine_no_delay() -> None:
     """A heading with a long gap, and a command that ends before it: at many shifts no reading has both."""
     for run in day("small", 1):
