@@ -76,6 +76,8 @@ def _block_moments(run: Run, delay: float, drift: float) -> FloatArray:
     slope = np.gradient(torque, period)
     bend = np.gradient(slope, period)
     known = rates.valid & np.isfinite(bend)
+    if run.trial.axis.angular:
+        known &= np.isfinite(rates.position)  # A logged rate may be known where the position is not.
     rising, ramp = torque * slope > 0.0, np.zeros(len(torque))
     for side in (known & rising, known & ~rising):
         weights = slope[side] ** 2

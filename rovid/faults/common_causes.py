@@ -20,7 +20,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import delayed, lagged, played, slewed, soft_started
 from rovid.effects.actuator_inputs import neutral_commands
-from rovid.faults.log_regressors import LogRegressors, first_order, held_torque, solved
+from rovid.faults.log_regressors import LogRegressors, first_order, held, held_torque, solved
 from rovid.faults.quick_model import QuickModel, fit_quick_model, log_name, log_parts
 from rovid.trial.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
@@ -291,7 +291,7 @@ def replaces_groups(
 
 def _torques(run: Run, model: QuickModel) -> Iterator[FloatArray]:
     """(m, q) torques in N m of size one on the grid of the rates, one cause after another."""
-    rate, angle, torque = _held(run, run.rates.rate), _held(run, run.rates.position), held_torque(run)
+    rate, angle, torque = held(run, run.rates.rate), held(run, run.rates.position), held_torque(run)
     size, width = np.abs(rate), _SIGN_WIDTH * np.sqrt(np.mean(torque**2)).clip(1e-300)
 
     def drag(rates: FloatArray) -> FloatArray:
@@ -323,9 +323,3 @@ def _torques(run: Run, model: QuickModel) -> Iterator[FloatArray]:
         yield (drag(rate) - drag(rate - _SWIRL * first_order(rate, tau, period)))[:, None]
     for tau in times:  # Thrust that sags under load.
         yield (torque * first_order(np.abs(torque), tau, period))[:, None]
-
-
-def _held(run: Run, values: FloatArray) -> FloatArray:
-    """(m,) ``values``, interpolated or held where they are unknown; zeros where all are."""
-    time, known = run.rates.time, np.isfinite(values)
-    return np.interp(time, time[known], values[known]) if known.any() else np.zeros(len(time))

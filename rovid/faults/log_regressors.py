@@ -87,9 +87,7 @@ class LogRegressors:
         parts = []
         for run in self.runs:
             # Where the position is absent, a logged rate may be known.
-            time, known, angle = run.rates.time, np.isfinite(run.rates.position), np.zeros(int(run.valid.sum()))
-            if known.any():
-                angle = np.interp(time[run.valid], time[known], run.rates.position[known])
+            angle = held(run, run.rates.position)[run.valid]
             columns = (*(each(k * angle) for k in (1.0, 2.0) for each in (np.sin, np.cos)), angle - angle[0])
             parts.append(np.column_stack([column - column.mean() for column in columns]))
         return np.concatenate(parts)
@@ -150,6 +148,12 @@ class LogRegressors:
 def first_order(values: FloatArray, tau: float, period: float) -> FloatArray:
     """(n,) first-order low pass of ``values`` with the time constant ``tau`` in s, from rest."""
     return first_order_sum(-np.expm1(-period / tau) * values, np.exp(-period / tau))
+
+
+def held(run: Run, values: FloatArray) -> FloatArray:
+    """(m,) ``values``, interpolated or held where they are unknown; zeros where all are."""
+    time, known = run.rates.time, np.isfinite(values)
+    return np.interp(time, time[known], values[known]) if known.any() else np.zeros(len(time))
 
 
 def held_torque(run: Run) -> FloatArray:

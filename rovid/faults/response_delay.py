@@ -233,6 +233,8 @@ def _blocks(
     inside = np.arange(reach, count - reach)[::stride]
     known = rates.valid[inside] & np.isfinite(windows).all(axis=1)
     rate, position = rates.rate[inside], rates.position[inside]
+    if run.trial.axis.self_righting or memories:
+        known &= np.isfinite(position)  # A logged rate may be known where the position is not.
     columns = [rate] if of_sensor else [rates.acceleration[inside], np.abs(rate) * rate, rate]
     if run.trial.axis.self_righting and not of_sensor:
         columns += [np.sin(position), np.cos(position)]

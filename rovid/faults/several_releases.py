@@ -20,7 +20,7 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.faults.base import Detection, Detectors, RunsData, TrialData
-from rovid.faults.log_regressors import first_order
+from rovid.faults.log_regressors import first_order, held
 from rovid.faults.quick_model import QuickModel, fit_quick_model, log_name
 from rovid.trial.fault import Fault
 from rovid.trial.preprocessing import Run, measured_spans, prepare_trials
@@ -135,7 +135,8 @@ def _unexplained(run: Run, model: QuickModel) -> FloatArray:
     known = moving_torque(run, model) - run.filtered_torque
     if not valid.any():
         return np.zeros(len(valid))
-    centred = known - np.median(known[valid]), run.rates.position - np.mean(run.rates.position[valid])
+    position = held(run, run.rates.position)
+    centred = known - np.median(known[valid]), position - np.mean(position[valid])
     unexplained, turned = (
         first_order(np.where(valid, each, 0.0), model.time_constant, run.rates.kernel.period) for each in centred
     )

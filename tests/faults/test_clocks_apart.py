@@ -14,7 +14,9 @@ from rovid.faults.base import RunsData, detectors_at, examine
 from rovid.faults.clock_drift import clock_drift
 from rovid.faults.clocks_apart import DETECTORS
 from rovid.faults.log_regressors import first_order
+from rovid.faults.quick_model import fit_quick_model
 from rovid.faults.response_delay import far_delay, response_delay
+from rovid.faults.several_releases import _unexplained
 from rovid.trial.fault import Fault, FaultOverrides
 from rovid.trial.preprocessing import Run, prepare_trials
 from tests import synthetic
@@ -42,6 +44,21 @@ def test_few_steps_show_clocks_that_explain_most_of_the_torque() -> None:
     (fault,) = faults([shifted(run, 30) for run in runs])
     assert (fault.fault, fault.stops, len(fault.logs)) == ("clocks_apart", True, 2)
     assert fault.size == pytest.approx(-30 * runs[0].trial.sampling_interval, rel=0.05)
+
+
+def test_a_position_may_be_absent_where_a_rate_is_logged() -> None:
+    """Drift, delay and the torque of hands use the readings that hold both."""
+    runs = list[Run]()
+    for run in day("small", 1):
+        gone = np.abs(np.linspace(-1.0, 1.0, len(run.rates.time))) < 0.3
+        runs.append(replace(run, rates=replace(run.rates, position=np.where(gone, np.nan, run.rates.position))))
+    drift, delay, model = clock_drift(runs), response_delay(runs, memories=(1.0, 4.0)), fit_quick_model(runs, LOGGED)
+    assert drift is not None
+    assert abs(drift.drift) < 4.0 * drift.error
+    assert delay is not None
+    assert abs(delay.delay) < 4.0 * delay.error + 0.02  # s; the disturbance.
+    assert model is not None
+    assert np.isfinite(_unexplained(runs[-1], model)).all()
 
 
 def test_shifts_that_leave_no_reading_determine_no_delay() -> None:
