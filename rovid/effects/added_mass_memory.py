@@ -6,18 +6,28 @@ linear drag.
 
 from dataclasses import replace
 
-from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
+from rovid.effects.base import (
+    REFERENCE_RATE,
+    Effect,
+    EffectParameter,
+    Instant,
+    Numbers,
+    Term,
+    Values,
+    compiled,
+    maximum,
+)
 
 # Smallest time constant of water in a frame over that of the vehicle at the same relative rate, which keeps the
 # integration stable.
 _SHORTEST = 0.02
-# s; smallest time constant that the integration resolves. It bounds the steps, and is far below that of any vehicle.
+# s; smallest time constant that the integration resolves, which bounds the steps. It is far below that of any vehicle.
 _RESOLVED = 1e-3
 
 
 @compiled
 def _linear(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
-    change = (at.rate - x[0]) / p[1]
+    change = (at.rate - x[0]) / maximum(p[1], _RESOLVED)
     return -p[0] * change, change
 
 

@@ -81,6 +81,7 @@ def compare_motions(subject: ExportInput | PlanarInput, rovid: FloatArray, other
     return Mismatch(percent_of_range=percents, rms=sizes)
 
 
+@lru_cache(maxsize=2)  # the same for all formats
 def verification_commands(subject: ExportInput | PlanarInput) -> FloatArray:
     """(n, k) commands for `PERIOD` each, within the speeds of the logs."""
     shares, least, bisections = subject.verification_shares()

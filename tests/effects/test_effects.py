@@ -605,6 +605,14 @@ def test_porous_memory_is_slower_at_a_small_relative_rate() -> None:
     assert slow[0] == pytest.approx(fast[0] / 100.0, rel=0.02)
 
 
+def test_memory_shorter_than_the_integration_resolves_is_finite() -> None:
+    """An unbounded rate of the state would make the whole simulation NaN."""
+    memory, push = effect_named("added_mass_memory"), np.where(TIME < 30.0, 120.0, -120.0)
+    shortest, resolved = (simulated(memory, np.array([500.0, time_constant]), push) for time_constant in (1e-12, 1e-3))
+    assert np.all(np.isfinite(resolved))
+    assert shortest == pytest.approx(resolved, rel=1e-12)
+
+
 def test_step_responses_of_the_double_and_spin_lags() -> None:
     """At 2 s of 1 s: 1 − exp(−2) of the command or the speed, and 1 − 3·exp(−2) after two lags (Laplace)."""
     time = np.arange(0.0, 4.0, 0.01)

@@ -23,7 +23,7 @@ from scipy.io import loadmat
 from rovid.core.array_types import FloatArray
 from rovid.export import FORMATS
 from rovid.export.interface import export_input
-from rovid.export.verification import compare_motions
+from rovid.export.verification import compare_motions, verification_commands
 from rovid.store.load import read_parameters
 from rovid.trial.config import load_config
 from rovid.trial.trial import Trial
@@ -649,6 +649,12 @@ def test_errors_end_with_code_2_and_one_message(fitted: Path, rovid: Rovid, tmp_
         assert words in done.err
         assert "Traceback" not in done.err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["drag.toml", "file"]
+
+
+def test_all_formats_share_one_search_of_the_commands(fitted: Path) -> None:
+    """The search simulates up to 31 times: for each format again, it took most of the time of a report."""
+    subject = export_input(read_parameters(fitted), None)
+    assert verification_commands(subject) is verification_commands(subject)
 
 
 def test_the_mismatch_of_an_unstable_solution_is_finite(fitted: Path) -> None:

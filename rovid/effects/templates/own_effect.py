@@ -1,4 +1,4 @@
-"""A line to a mooring: it pulls the heading back where it is taut.
+"""A line to a mooring on one side: the line is taut beyond an angle, and pulls the heading back.
 
 Replace the equation, the parameters and the texts by those of your own effect. Then change the simulation in
 test_own_effect.py in the same way, and run `pytest test_own_effect.py`. `rovid help own_effects` explains every field.
@@ -6,7 +6,7 @@ test_own_effect.py in the same way, and run `pytest test_own_effect.py`. `rovid 
 
 from __future__ import annotations
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, maximum, where_nonnegative
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, maximum
 
 
 # The torque in N m on the right-hand side of I*rdot = T - drag + torque. ``at`` is the motion: at.rate in rad/s,
@@ -16,8 +16,7 @@ from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, 
 @compiled
 def _torque(at: Instant, p: Numbers) -> float:
     stiffness, slack = p[0], p[1]
-    pull = stiffness * maximum(abs(at.angle) - slack, 0.0)
-    return where_nonnegative(at.angle, -pull, pull)
+    return -stiffness * maximum(at.angle - slack, 0.0)
 
 
 EFFECT: Effect = Effect(
@@ -34,8 +33,8 @@ EFFECT: Effect = Effect(
         EffectParameter(name="slack", unit="rad", neutral=0.0, low=0.0, high=20.0, initial_values=(0.5, 2.0)),
     ),
     # For people: the equation, the pattern in the remaining error, and the run that shows the effect.
-    equation="− k·(|ψ| − s)·sign(ψ) where |ψ| > s, ψ angle since the start of the run",
-    fingerprint="no residual torque up to an angle from the start, then a torque towards the start",
+    equation="− k·(ψ − s) where ψ > s, ψ angle since the start of the run",
+    fingerprint="no residual torque up to an angle on one side of the start, then a torque towards the start",
     experiment="turn slowly in one direction until the vehicle stops, then in the other direction",
     rivals=("tether_torsion",),  # effects that look similar
     acts=Term(_torque),

@@ -28,8 +28,7 @@ torque = { csv = "torque_Nm" }
 
 def hidden_torque(angle: float, rate: float) -> float:
     """Torque in N m of the effect, written without rovid."""
-    pull = TRUTH["stiffness"] * max(abs(angle) - TRUTH["slack"], 0.0)
-    return -pull if angle > 0.0 else pull
+    return -TRUTH["stiffness"] * max(angle - TRUTH["slack"], 0.0)
 
 
 def simulated_log(torque: np.ndarray, seed: int) -> str:
