@@ -246,21 +246,26 @@ def with_diagnosis(
 
 
 def shared_estimate(campaign: CampaignFit, effects: Sequence[Effect]) -> SharedEstimate:
-    """Estimate of inertia, drag and ``effects``: a joint fit for logs, the stored values for a parameter file.
+    """Estimate of inertia, drag, ``effects`` and a constant torque, which is another trim of the day and no change.
 
-    The fit includes a constant torque, because another trim of the day is no change of the vehicle. Raises DataError if
-    the excitation does not suffice.
+    That of the diagnosis if its model is the same, else a joint fit for logs, and the stored values for a parameter
+    file. The errors of a diagnosis with suspects include what these would change, which both campaigns share. Raises
+    DataError if the excitation does not suffice.
     """
     if campaign.stored_estimate is not None:
         return _stored_estimate(campaign, campaign.stored_estimate, effects)
-    own = campaign.campaign_specific
-    if BIAS.id not in {effect.id for effect in (*own, *effects)} and campaign.axis.name in BIAS.axes:
-        own = [*own, BIAS]
-    try:
-        fit = fit_likelihood(campaign.runs, campaign.vehicle, (*own, *effects))
-    except DataError as error:
-        raise DataError(str(error), where=campaign.name) from error
-    estimate = fit.estimate
+    fitted, diagnosis = (*campaign.campaign_specific, *effects), campaign.diagnosis
+    if BIAS.id not in {effect.id for effect in fitted} and campaign.axis.name in BIAS.axes:
+        fitted = (*fitted, BIAS)
+    made = None if diagnosis is None or diagnosis.suspects else diagnosis.extended
+    if made is not None and {effect.key for effect in made.model.effects} == {effect.key for effect in fitted}:
+        estimate, white = made.estimate, made.white
+    else:
+        try:
+            fit = fit_likelihood(campaign.runs, campaign.vehicle, fitted)
+        except DataError as error:
+            raise DataError(str(error), where=campaign.name) from error
+        estimate, white = fit.estimate, fit.white
     shared = [f"{effect.key}.{parameter.name}" for effect in effects for parameter in effect.parameters]
     names = tuple(name for name in (*base_names(campaign.axis), *shared) if _is_known(estimate, name))
     indices = list(map(estimate.names.index, names))
@@ -269,7 +274,7 @@ def shared_estimate(campaign: CampaignFit, effects: Sequence[Effect]) -> SharedE
         units=tuple(map(estimate.unit, names)),
         values=estimate.values[indices],
         covariance=estimate.covariance[np.ix_(indices, indices)],
-        white=fit.white,
+        white=white,
         samples=estimate.samples,
         warnings=estimate.warnings,
     )

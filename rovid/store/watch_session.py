@@ -9,6 +9,7 @@ from pathlib import Path
 from rovid.core.budget import ProgressCallback
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError, suggestion
 from rovid.diagnose.result import Diagnosis, next_experiment
+from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import Effect, effect_named, every_form
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
@@ -279,7 +280,8 @@ class WatchSession:
                 self._try_again(error)
                 return
             self._overtaken = False
-            self._effects = tuple(finding.effect for finding in self._diagnosis.findings)
+            if (extended := self._diagnosis.extended) is not None:  # with suspects, as in the parameter file
+                self._effects = tuple(effect for effect in extended.model.effects if not is_signal(effect))
             yield LogsDiagnosed(study=study, diagnosis=self._diagnosis, fit=self._fit, criteria=self._criteria())
         estimate = self._estimate()
         if estimate is not None:

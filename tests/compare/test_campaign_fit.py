@@ -17,9 +17,11 @@ from rovid.compare.campaign_fit import (
 )
 from rovid.core.errors import DataError
 from rovid.core.output_files import OutputSet
-from rovid.diagnose.result import Diagnosis, Finding
+from rovid.diagnose.cross_validation import HeldOutScores
+from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
+from rovid.model.model import Model
 from rovid.store.load import history_output, update_parameters
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import open_study
@@ -73,6 +75,23 @@ def test_one_thruster_keeps_its_gain(plain: CampaignFit) -> None:
 def test_causes_with_missing_signals_are_left_out(plain: CampaignFit) -> None:
     needs = next(key for key in ("speed_dependent_damping", "sideslip_moment") if effect_named(key).needs)
     assert shared_effects(found(plain, finding(needs, 50.0)), found(plain)) == []
+
+
+def test_logs_keep_the_figures_of_a_diagnosis_with_the_same_model(plain: CampaignFit) -> None:
+    """A new fit may go by another criterion, and its figures would differ from those of the diagnosis."""
+    bias = effect_named("bias_torque")
+    held = HeldOutScores(log_likelihood=0.0, rate_r2=1.0, rate_rmse=0.0, rate_squares=np.zeros(0), position_errors={})
+    names = ("inertia", "quadratic_drag", "linear_drag", "bias_torque.torque")
+    values = np.array([1.0, 2.0, 3.0, 4.0])
+    estimate = Estimate(names=names, values=values, covariance=np.diag(values), method="", samples=9)
+    model = Model(inertia=1.0, quadratic_drag=2.0, linear_drag=3.0, effects=(bias,), effect_values=(4.0,))
+    extended = ModelAssessment(model=model, estimate=estimate, held_out=held, white=True)
+    diagnosis = Diagnosis(verdict="found", findings=(finding(bias.key, 9.0),), extended=extended)
+    said = shared_estimate(replace(plain, diagnosis=diagnosis), [bias])
+    assert (said.names, said.values.tolist(), said.white) == (names, values.tolist(), True)
+    # The errors of a diagnosis with suspects include what these would change.
+    doubted = replace(diagnosis, suspects=(finding("thruster_lag", 3.0, 0.3),))
+    assert shared_estimate(replace(plain, diagnosis=doubted), [bias]).values[0] > 1000.0
 
 
 def test_a_file_gives_its_stored_values(tmp_path: Path) -> None:

@@ -11,9 +11,12 @@ import pytest
 
 from rovid.core.budget import ProgressCallback
 from rovid.core.errors import ConfigError, LogError, OutputError
-from rovid.diagnose.result import Diagnosis
+from rovid.diagnose.cross_validation import HeldOutScores
+from rovid.diagnose.result import Diagnosis, ModelAssessment
+from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan
+from rovid.model.model import Model
 from rovid.model.parameter_names import base_names
 from rovid.store import watch_session as days
 from rovid.store.folder_monitor import FolderMonitor, Problem
@@ -159,6 +162,24 @@ def test_a_diagnosis_is_interrupted_by_a_new_log_but_not_twice(folder: Path) -> 
     ]
     assert finished == [2, 4]
     assert sum(isinstance(event, ModelFitted) for event in events) == 4
+
+
+def test_the_next_run_is_planned_for_the_model_of_the_parameter_file(folder: Path) -> None:
+    """With its suspects: `rovid plan` fits them too."""
+    lag = effect_named("thruster_lag")
+    held = HeldOutScores(log_likelihood=0.0, rate_r2=1.0, rate_rmse=0.0, rate_squares=np.zeros(0), position_errors={})
+    model = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0, effects=(lag,), effect_values=(0.5,))
+
+    def diagnose(study: Study, _report: ProgressCallback) -> Diagnosis:
+        extended = ModelAssessment(model=model, estimate=study.likelihood((lag,)).estimate, held_out=held)
+        return Diagnosis(verdict="suspected", extended=extended)
+
+    for name in ("hold_up.csv", "sine.csv"):
+        put(folder, name)
+    events = list(until_idle(day_of(folder, SessionActions(diagnose=diagnose, keep=keep, write=write))))
+    (run,) = [event for event in events if isinstance(event, NextRun)]
+    assert run.plan is not None
+    assert [one.model.effects for one in run.plan.models] == [(lag,)]
 
 
 def test_a_possibly_final_diagnosis_is_not_interrupted(folder: Path) -> None:
