@@ -18,6 +18,7 @@ from rovid.effects.further_terms import trials_in_form
 from rovid.effects.thruster_imbalance import thruster_of
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import fit_likelihood
+from rovid.estimate.multi_step import MultiStepLikelihood
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names, effect_ids
 from rovid.store.load import history_output, read_history, read_parameters
@@ -246,23 +247,22 @@ def with_diagnosis(
 
 
 def shared_estimate(campaign: CampaignFit, effects: Sequence[Effect]) -> SharedEstimate:
-    """Estimate of inertia, drag, ``effects`` and a constant torque, which is another trim of the day and no change.
+    """Estimate of inertia, drag and ``effects``: a joint fit for logs, the stored values for a parameter file.
 
-    That of the diagnosis if its model is the same, else a joint fit for logs, and the stored values for a parameter
-    file. The errors of a diagnosis with suspects include what these would change, which both campaigns share. Raises
-    DataError if the excitation does not suffice.
+    The fit includes a constant torque, because another trim of the day is no change of the vehicle. Its criterion is
+    that of the diagnosis. Raises DataError if the excitation does not suffice.
     """
     if campaign.stored_estimate is not None:
         return _stored_estimate(campaign, campaign.stored_estimate, effects)
     fitted, diagnosis = (*campaign.campaign_specific, *effects), campaign.diagnosis
     if BIAS.id not in {effect.id for effect in fitted} and campaign.axis.name in BIAS.axes:
         fitted = (*fitted, BIAS)
-    made = None if diagnosis is None or diagnosis.suspects else diagnosis.extended
-    if made is not None and {effect.key for effect in made.model.effects} == {effect.key for effect in fitted}:
-        estimate, white = made.estimate, made.white
-    else:
+    extended = None if diagnosis is None else diagnosis.extended
+    by_predictions = extended is not None and extended.estimate.method == MultiStepLikelihood.method
+    estimate, white = _of_diagnosis(diagnosis, fitted) if by_predictions else None, False
+    if estimate is None:
         try:
-            fit = fit_likelihood(campaign.runs, campaign.vehicle, fitted)
+            fit = fit_likelihood(campaign.runs, campaign.vehicle, fitted, by_predictions=by_predictions)
         except DataError as error:
             raise DataError(str(error), where=campaign.name) from error
         estimate, white = fit.estimate, fit.white
@@ -278,6 +278,19 @@ def shared_estimate(campaign: CampaignFit, effects: Sequence[Effect]) -> SharedE
         samples=estimate.samples,
         warnings=estimate.warnings,
     )
+
+
+def _of_diagnosis(diagnosis: Diagnosis | None, effects: Sequence[Effect]) -> Estimate | None:
+    """Estimate of a ``diagnosis`` whose model has these ``effects`` and no others; None with suspects.
+
+    The weights of predictions depend on the model before, and another fit has other ones. Errors with suspects include
+    what these would change, which both campaigns share.
+    """
+    if diagnosis is None or diagnosis.extended is None or diagnosis.suspects:
+        return None
+    model = diagnosis.extended.model
+    is_same = {effect.key for effect in model.effects} == {effect.key for effect in effects}
+    return diagnosis.extended.estimate if is_same else None
 
 
 def _is_known(estimate: Estimate, name: str) -> bool:

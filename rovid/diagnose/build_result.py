@@ -164,7 +164,7 @@ def _assess(
     """A ``model`` with held-out scores: simulations of the fit ``searched``, log-likelihood of ``comparable``."""
     simulated = simulate_folds(searched, selection.folds(searched))
     held_out = replace(simulated, log_likelihood=held_out_log_likelihood(selection.folds(comparable)))
-    return ModelAssessment(model=model, estimate=estimate, held_out=held_out, white=searched.is_white)
+    return ModelAssessment(model=model, estimate=estimate, held_out=held_out)
 
 
 def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:

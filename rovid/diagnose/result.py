@@ -104,7 +104,6 @@ class ModelAssessment:
     model: Model
     estimate: Estimate
     held_out: HeldOutScores
-    white: bool = False  #: Whether the one-step prediction errors are white.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -74,7 +74,12 @@ class LikelihoodFit:
 
 
 def fit_likelihood(
-    runs: Sequence[Run], vehicle: Vehicle | None = None, effects: tuple[Effect, ...] = (), *, gyro: bool = False
+    runs: Sequence[Run],
+    vehicle: Vehicle | None = None,
+    effects: tuple[Effect, ...] = (),
+    *,
+    gyro: bool = False,
+    by_predictions: bool = False,
 ) -> LikelihoodFit:
     """Estimate inertia, drag, effects, disturbance and measurement noise together by the prediction-error method.
 
@@ -86,6 +91,7 @@ def fit_likelihood(
 
     Effects between command and torque need the ``vehicle``. With ``gyro``, logged rates are used too. They should come
     from an instrument of their own: the errors of a rate and a heading from the same filter are correlated.
+    ``by_predictions``: fit multi-step predictions, as where the innovations are far from white.
 
     Raises DataError if the vehicle was not excited enough, or no rate is logged.
     """
@@ -97,7 +103,7 @@ def fit_likelihood(
     start = fit_output_error(runs, min_sigmas=0.0 if effects else MIN_INERTIA_SIGMAS)
     data = InnovationData(runs, vehicle, start, gyro=gyro)
     simulation_r2 = data.free_run_r2(start)
-    if simulation_r2 >= INNOVATIONS_R2 or effects:
+    if not by_predictions and (simulation_r2 >= INNOVATIONS_R2 or effects):
         fitted = fit_innovations(data, simulation_r2)
         if effects:
             fitted = add_effects(fitted, effects)

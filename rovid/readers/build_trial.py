@@ -62,6 +62,7 @@ class _Builder:
         self.faults: list[Fault] = []
         self.cuts: list[float] = []  # s on the clocks of the log.
         self.unknown: list[tuple[float, float]] = []
+        self.resets: tuple[tuple[float, float], ...] = ()  # s from the start of the trial, and sizes.
         self.clock_steps: tuple[fault_base.ClockStep, ...] = ()
         kinds = {(True, True): TURNING, (True, False): SPEED_KIND, (False, True): ANGLE, (False, False): DISTANCE}
         self.kind: Kind = kinds[self.rate_only, self.axis.angular]
@@ -80,6 +81,17 @@ class _Builder:
         return LogError(text, where=self.name, mend=mend)
 
     def trial(self) -> Trial:
+        trial = self.on_one_time_base()
+        known = frozenset(fault.fault for fault in self.faults)
+        data = TrialData(trial=trial, vehicle=self.config.vehicle, resets=self.resets, known=known)
+        trial = replace(self.examined("trial", data).trial, faults=tuple(self.faults))
+        if self.measured_signal not in self.axis.fix_signals:
+            return trial
+        # A position on the map is none along the body before the heading is known, too.
+        return trial.part(slice(int(np.argmax(trial.measured)), None), self.name)
+
+    def on_one_time_base(self) -> Trial:
+        """All signals, before the faults of the whole trial are examined. The clocks' own columns end here."""
         axis, measured_signal = self.axis, self.measured_signal
         series = self.ordered()
         measured, clock = self.cleaned(series[measured_signal]), series[measured_signal].time
@@ -109,24 +121,29 @@ class _Builder:
                     text = f"{self.raw.channels[key].source} ({key}) holds no number."
                     self.remark("missing", series[key].missing, text)
                 extras[key] = base.hold(series[key])
-        held, gains = np.ones((2, len(commands), len(base.time)))
-        for at, (command, thruster) in enumerate(zip(commands, self.config.vehicle.thrusters, strict=True)):
+        thrusters = self.config.vehicle.thrusters
+        held = np.ones((len(commands), len(base.time)))
+        gains = np.ones_like(held) if any(one.is_rudder for one in thrusters) else None
+        for at, (command, thruster) in enumerate(zip(commands, thrusters, strict=True)):
             held[at] = base.hold(command)
             if (steering := thruster.steering) is not None:
                 speed = self.speed_of(steering, base, series)
-                held[at], gains[at] = steering.command(held[at], speed), steering.gain(speed)
+                held[at] = steering.command(held[at], speed)
+                if gains is not None:
+                    gains[at] = steering.gain(speed)
         start = float(base.time[0])
         places = {name: signal.position or (0.0, 0.0) for name, signal in self.config.signals.items()}
         is_planar = self.config.vehicle.planar
         readings, remarks = time_base.planar_readings(series, base.time, position, places, wanted=is_planar)
         self.remarks += remarks
-        trial = Trial(
+        self.resets = tuple((at - start, size) for at, size in self.raw.resets)
+        return Trial(
             name=self.name,
             path=self.path,
             time=base.time - base.time[0],
             position=position,
             commands=held.T,
-            angle_gains=gains.T if any(one.is_rudder for one in self.config.vehicle.thrusters) else None,
+            angle_gains=None if gains is None else gains.T,
             extras=extras,
             remarks=tuple(self.remarks),
             cuts=tuple(sorted(cut - start for cut in self.cuts)),
@@ -141,14 +158,6 @@ class _Builder:
             readings=readings,
             separate_clocks=all(series[one.name].time is not clock for one in self.config.commands),
         )
-        resets = tuple((at - start, size) for at, size in self.raw.resets)
-        known = frozenset(fault.fault for fault in self.faults)
-        data = TrialData(trial=trial, vehicle=self.config.vehicle, resets=resets, known=known)
-        trial = replace(self.examined("trial", data).trial, faults=tuple(self.faults))
-        if not fixes:
-            return trial
-        # A position on the map is none along the body before the heading is known, too.
-        return trial.part(slice(int(np.argmax(trial.measured)), None), self.name)
 
     def ordered(self) -> dict[str, TimedSeries]:
         """Every signal in order of time, in SI; each clock is sorted once."""

@@ -73,6 +73,8 @@ def _columns(path: Path, sources: Mapping[str, str]) -> tuple[pd.Series[Any], di
         at = after
     if at != footer.num_rows:
         raise _damaged(path, ValueError(f"its footer counts {footer.num_rows} rows"))
+    # Else the pool keeps more than was read.
+    raw_log.require_library("pyarrow", EXTRA, path).default_memory_pool().release_unused()
     return pd.concat(times, ignore_index=True), columns
 
 

@@ -280,8 +280,9 @@ class WatchSession:
                 self._try_again(error)
                 return
             self._overtaken = False
-            if (extended := self._diagnosis.extended) is not None:  # with suspects, as in the parameter file
-                self._effects = tuple(effect for effect in extended.model.effects if not is_signal(effect))
+            extended = self._diagnosis.extended  # with suspects, as in the parameter file
+            effects = () if extended is None else extended.model.effects
+            self._effects = tuple(effect for effect in effects if not is_signal(effect))
             yield LogsDiagnosed(study=study, diagnosis=self._diagnosis, fit=self._fit, criteria=self._criteria())
         estimate = self._estimate()
         if estimate is not None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 
+from rovid.compare import campaign_fit
 from rovid.compare.campaign_fit import (
     CampaignFit,
     campaign_from_parameters,
@@ -21,6 +23,7 @@ from rovid.diagnose.cross_validation import HeldOutScores
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
+from rovid.estimate.multi_step import MultiStepLikelihood
 from rovid.model.model import Model
 from rovid.store.load import history_output, update_parameters
 from rovid.store.parameter_file import Parameters
@@ -78,20 +81,24 @@ def test_causes_with_missing_signals_are_left_out(plain: CampaignFit) -> None:
 
 
 def test_logs_keep_the_figures_of_a_diagnosis_with_the_same_model(plain: CampaignFit) -> None:
-    """A new fit may go by another criterion, and its figures would differ from those of the diagnosis."""
+    """A new fit by predictions would have other weights."""
     bias = effect_named("bias_torque")
     held = HeldOutScores(log_likelihood=0.0, rate_r2=1.0, rate_rmse=0.0, rate_squares=np.zeros(0), position_errors={})
     names = ("inertia", "quadratic_drag", "linear_drag", "bias_torque.torque")
     values = np.array([1.0, 2.0, 3.0, 4.0])
-    estimate = Estimate(names=names, values=values, covariance=np.diag(values), method="", samples=9)
+    method = MultiStepLikelihood.method
+    estimate = Estimate(names=names, values=values, covariance=np.diag(values), method=method, samples=9)
     model = Model(inertia=1.0, quadratic_drag=2.0, linear_drag=3.0, effects=(bias,), effect_values=(4.0,))
-    extended = ModelAssessment(model=model, estimate=estimate, held_out=held, white=True)
+    extended = ModelAssessment(model=model, estimate=estimate, held_out=held)
     diagnosis = Diagnosis(verdict="found", findings=(finding(bias.key, 9.0),), extended=extended)
     said = shared_estimate(replace(plain, diagnosis=diagnosis), [bias])
-    assert (said.names, said.values.tolist(), said.white) == (names, values.tolist(), True)
-    # The errors of a diagnosis with suspects include what these would change.
+    assert (said.names, said.values.tolist(), said.white) == (names, values.tolist(), False)
+    # The errors of a diagnosis with suspects include what these would change. Only the criterion is kept.
     doubted = replace(diagnosis, suspects=(finding("thruster_lag", 3.0, 0.3),))
-    assert shared_estimate(replace(plain, diagnosis=doubted), [bias]).values[0] > 1000.0
+    with mock.patch.object(campaign_fit, "fit_likelihood", side_effect=DataError("a fit")) as fit:
+        with pytest.raises(DataError, match="a fit"):
+            shared_estimate(replace(plain, diagnosis=doubted), [bias])
+        assert fit.call_args.kwargs == {"by_predictions": True}
 
 
 def test_a_file_gives_its_stored_values(tmp_path: Path) -> None:
