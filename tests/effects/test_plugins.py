@@ -56,7 +56,7 @@ def plugin(tmp_path: Path, name: str, *changes: tuple[str, str]) -> Path:
         (("import annotations", "import annotations\n\nraise SystemExit(3)"), "SystemExit"),
         (("initial_values=(0.1,)", "initial_values=(9.0,)"), "outside low and high"),
         (('scale="torque"', 'scale="tonque"'), "scale 'tonque' of stiffness is unknown"),
-        (("abs(at.angle)", "abs(float(str(at.angle)))"), "Error"),
+        (("(at.angle -", "(float(str(at.angle)) -"), "Error"),
     ],
 )
 def test_a_broken_plugin_is_named_and_left_out(
