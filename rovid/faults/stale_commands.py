@@ -160,6 +160,8 @@ def _moves(data: RunsData, run: Run, stretch: tuple[float, float], model: QuickM
 
 def _is_driven(others: RunsData, run: Run, stretch: tuple[float, float], model: QuickModel, excess: float) -> bool:
     """Whether torques that ``model`` does not explain move the vehicle both ways in a stretch, unlike in ``others``."""
+    if not others.runs:
+        return False
     # Half of a log at most: several stretches of the others are as long.
     length = min(stretch[1] - stretch[0], 0.5 * max(one.trial.duration for one in others.runs))
     inside = run.valid & (run.rates.time > stretch[0]) & (run.rates.time < stretch[1])
