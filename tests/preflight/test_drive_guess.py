@@ -123,7 +123,7 @@ def test_a_boat_with_surge_and_sway_is_told_of_the_coupled_model(tmp_path: Path,
     boat(tmp_path)
     assert "--axes planar" not in rovid("init", tmp_path).out
     log = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
-    names = list(log.dtype.names)
+    names = list(log.dtype.names or ())
     rng = np.random.default_rng(22)
     write(tmp_path, {name: log[name] for name in names} | {"sway_m_s": 0.1 * rng.standard_normal(len(log))})
     assert "These logs also hold surge and sway" in rovid("init", tmp_path, "--force").out
