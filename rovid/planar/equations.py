@@ -166,9 +166,18 @@ def fastest(c: Any, jacobian: Any, yaw_only: bool) -> float:
 
 @compiled
 def advance_state(
-    c: Any, coupled: bool, yaw_only: bool, held: Any, decays: Any, h: float, north: float, east: float, x: Any
+    c: Any,
+    coupled: bool,
+    yaw_only: bool,
+    located: bool,
+    held: Any,
+    decays: Any,
+    h: float,
+    north: float,
+    east: float,
+    x: Any,
 ) -> None:
-    """Runge-Kutta step of heading, speeds and position of ``x`` over ``h`` s in a current to ``north`` and ``east``."""
+    """Runge-Kutta step of heading, speeds and, if ``located``, position of ``x`` over ``h`` s in a current."""
     psi, u, v, r = x[0], x[1], x[2], x[3]
     dx, dy, dn = x[FORCE], x[FORCE + 1], x[FORCE + 2]
     if yaw_only:
@@ -195,6 +204,8 @@ def advance_state(
     x[1] = u + h / 6.0 * (au1 + 2.0 * au2 + 2.0 * au3 + au4)
     x[2] = v + h / 6.0 * (av1 + 2.0 * av2 + 2.0 * av3 + av4)
     x[3] = r + h / 6.0 * (ar1 + 2.0 * ar2 + 2.0 * ar3 + ar4)
+    if not located:
+        return
     # Simpson's rule for the position; heading and speeds in the middle of the step are those of the cubic through both
     # ends.
     um = 0.5 * (u + x[1]) + h / 8.0 * (au1 - au4)
@@ -230,7 +241,7 @@ def simulate_runs(
                 speed_jacobian(c, coupled, held, speed_scale, x[1], x[2], x[3], jacobian)
                 steps = min(int(interval * fastest(c, jacobian, yaw_only) / STEP_SHARE) + 1, MAX_SUBSTEPS)
                 for _ in range(steps):
-                    advance_state(c, coupled, yaw_only, held, decays, interval / steps, north, east, x)
+                    advance_state(c, coupled, yaw_only, True, held, decays, interval / steps, north, east, x)
             for j in range(STATES):
                 states[k, j] = x[j]
 

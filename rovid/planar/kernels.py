@@ -29,6 +29,8 @@ from rovid.planar.model import CURRENT_INDEX, PLACE_INDEX, SENSORS
 NOISE_STD, NOISE_TIME, NOISE_SENSOR = 0, 3, 6
 NOISE_LATENCY = NOISE_SENSOR + len(SENSORS)
 NOISE_COUNT = NOISE_LATENCY + len(SENSORS)
+# First of the sensors of a position; states of a filter without position and wandering current, in whole SIMD vectors.
+_POSITIONS, _WITHOUT_POSITION = SENSORS.index("north"), 8
 
 
 @compiled
@@ -61,32 +63,17 @@ def filter_runs(
     ``error``, ``variance``: (m,) written.
     ``states``: (n, 12) filtered states, written if it has rows.
     """
-    p, t, f = np.zeros((STATES, STATES)), np.zeros((STATES, STATES)), np.zeros((STATES, STATES))
-    column, x = np.zeros(STATES), np.zeros(STATES)
-    jacobian, decays = np.zeros((3, 3)), np.ones((2, 4))
-    coupled, wander = has_couplings(c), c[CURRENT_INDEX + 2]
+    keep, wander = len(states) > 0, c[CURRENT_INDEX + 2]
+    located = not yaw_only and (keep or np.any(sensors >= _POSITIONS))
+    # A filter without position and wandering current has no covariance of these states.
+    size = STATES if located or wander > 0.0 else _WITHOUT_POSITION
+    p, t, f = np.zeros((size, size)), np.zeros((size, size)), np.zeros((STATES, STATES))
+    column, x = np.zeros(size), np.zeros(STATES)
+    jacobian, decays, coupled = np.zeros((3, 3)), np.ones((2, 4)), has_couplings(c)
     leak = max(1.0 / noise[NOISE_TIME], 1.0 / noise[NOISE_TIME + 1], 1.0 / noise[NOISE_TIME + 2])
     north, east, last_h = c[CURRENT_INDEX], c[CURRENT_INDEX + 1], -1.0
-    keep = len(states) > 0
     for run in range(len(offsets) - 1):
-        p[:] = 0.0
-        x[:] = 0.0
-        cosine, sine = math.cos(starts[run, 0]), math.sin(starts[run, 0])
-        x[HEADING], x[YAW] = starts[run, 0], starts[run, 3]
-        p[HEADING, HEADING] = noise[NOISE_SENSOR] ** 2 + start_std[run, 0] ** 2
-        p[YAW, YAW] = start_std[run, 3] ** 2
-        p[FORCE + 2, FORCE + 2] = noise[2] ** 2
-        if not yaw_only:
-            x[SURGE] = starts[run, 1] - north * cosine - east * sine
-            x[SURGE + 1] = starts[run, 2] + north * sine - east * cosine
-            ahead, aside = c[PLACE_INDEX + 2], c[PLACE_INDEX + 3]
-            x[NORTH] = starts[run, 4] - ahead * cosine + aside * sine
-            x[NORTH + 1] = starts[run, 5] - ahead * sine - aside * cosine
-            for k in range(2):
-                p[SURGE + k, SURGE + k] = start_std[run, 1 + k] ** 2
-                p[NORTH + k, NORTH + k] = noise[NOISE_SENSOR + 4 + k] ** 2 + start_std[run, 4 + k] ** 2
-                p[FORCE + k, FORCE + k] = noise[k] ** 2
-                p[CURRENT + k, CURRENT + k] = wander**2
+        _start(c, yaw_only, noise, starts[run], start_std[run], x, p)
         speed_jacobian(c, coupled, inputs[offsets[run]], speed_scale, x[1], x[2], x[3], jacobian)
         for k in range(offsets[run], offsets[run + 1]):
             if k > offsets[run]:
@@ -101,12 +88,13 @@ def filter_runs(
                         decays[1, axis] = decays[0, axis] ** 2
                     decays[1, 3] = math.exp(-h / c[CURRENT_INDEX + 3])
                 for _ in range(steps):
-                    _step(c, coupled, yaw_only, held, speed_scale, noise, decays, h, x, jacobian, f)
+                    _step(c, coupled, yaw_only, located, held, speed_scale, noise, decays, h, x, jacobian, f)
                     _propagate(f, p, t)
-                    _add_noise(c, yaw_only, noise, decays, h, x[HEADING], jacobian, p)
-                    add = (1.0 - decays[1, 3] ** 2) * wander**2
-                    p[CURRENT, CURRENT] += add
-                    p[CURRENT + 1, CURRENT + 1] += add
+                    _add_noise(c, yaw_only, located, noise, decays, h, x[HEADING], jacobian, p)
+                    if size == STATES:
+                        add = (1.0 - decays[1, 3] ** 2) * wander**2
+                        p[CURRENT, CURRENT] += add
+                        p[CURRENT + 1, CURRENT + 1] += add
             for m in range(event_offsets[k], event_offsets[k + 1]):
                 late = 0.0
                 if noise[NOISE_LATENCY + sensors[m]] != 0.0:
@@ -115,8 +103,32 @@ def filter_runs(
                     late = noise[NOISE_LATENCY + sensors[m]] * slope
                 error[m], variance[m] = _update(c, noise, sensors[m], values[m] + late, x, p, column)
             if keep:
-                for j in range(STATES):
-                    states[k, j] = x[j]
+                states[k] = x
+
+
+@compiled
+def _start(c: Any, yaw_only: bool, noise: Any, start: Any, std: Any, x: Any, p: Any) -> None:
+    """Write the state and its covariance at the first instant of a run; see `filter_runs`."""
+    p[:] = 0.0
+    x[:] = 0.0
+    cosine, sine = math.cos(start[0]), math.sin(start[0])
+    x[HEADING], x[YAW] = start[0], start[3]
+    p[HEADING, HEADING] = noise[NOISE_SENSOR] ** 2 + std[0] ** 2
+    p[YAW, YAW] = std[3] ** 2
+    p[FORCE + 2, FORCE + 2] = noise[2] ** 2
+    if not yaw_only:
+        north, east = c[CURRENT_INDEX], c[CURRENT_INDEX + 1]
+        x[SURGE] = start[1] - north * cosine - east * sine
+        x[SURGE + 1] = start[2] + north * sine - east * cosine
+        ahead, aside = c[PLACE_INDEX + 2], c[PLACE_INDEX + 3]
+        x[NORTH] = start[4] - ahead * cosine + aside * sine
+        x[NORTH + 1] = start[5] - ahead * sine - aside * cosine
+        for k in range(2):
+            p[SURGE + k, SURGE + k] = std[1 + k] ** 2
+            p[FORCE + k, FORCE + k] = noise[k] ** 2
+            if len(p) == STATES:
+                p[NORTH + k, NORTH + k] = noise[NOISE_SENSOR + _POSITIONS + k] ** 2 + std[4 + k] ** 2
+                p[CURRENT + k, CURRENT + k] = c[CURRENT_INDEX + 2] ** 2
 
 
 @compiled
@@ -124,6 +136,7 @@ def _step(
     c: Any,
     coupled: bool,
     yaw_only: bool,
+    located: bool,
     held: Any,
     speed_scale: Any,
     noise: Any,
@@ -136,7 +149,7 @@ def _step(
     """Advance the state ``x`` by ``h`` s, and write its transition matrix ``f``."""
     psi, u, v, r = x[0], x[1], x[2], x[3]
     north, east = c[CURRENT_INDEX] + x[CURRENT], c[CURRENT_INDEX + 1] + x[CURRENT + 1]
-    advance_state(c, coupled, yaw_only, held, decays, h, north, east, x)
+    advance_state(c, coupled, yaw_only, located, held, decays, h, north, east, x)
     for k in range(3):
         x[FORCE + k] *= decays[1, k]
     for k in range(2):
@@ -149,21 +162,21 @@ def _step(
     j = jacobian
     # Powers of the Jacobian, and the series of exp(J h), its integral and its second integral.
     f[HEADING, HEADING] = 1.0
-    cosine, sine = math.cos(pm), math.sin(pm)
-    if not yaw_only:
+    f[CURRENT, CURRENT], f[CURRENT + 1, CURRENT + 1] = decays[1, 3], decays[1, 3]
+    cosine, sine = (math.cos(pm), math.sin(pm)) if located else (1.0, 0.0)
+    if located:
         f[NORTH, HEADING] = h * (-um * sine - vm * cosine)
         f[NORTH + 1, HEADING] = h * (um * cosine - vm * sine)
         f[NORTH, NORTH], f[NORTH + 1, NORTH + 1] = 1.0, 1.0
         f[NORTH, CURRENT], f[NORTH + 1, CURRENT + 1] = h, h
-        f[CURRENT, CURRENT], f[CURRENT + 1, CURRENT + 1] = decays[1, 3], decays[1, 3]
     for b in range(3):
         first = (j[0, b], j[1, b], j[2, b])
         second = _times(j, first)
         third = _times(j, second)
-        _write_series(f, 1 + b, h, yaw_only, cosine, sine, first, second, third, _times(j, third))
+        _write_series(f, 1 + b, h, located, cosine, sine, first, second, third, _times(j, third))
         f[1 + b, 1 + b] += 1.0
     f[HEADING, 3] += h
-    if not yaw_only:
+    if located:
         turn = h * h / 2.0
         f[NORTH, 1] += h * cosine
         f[NORTH, 2] -= h * sine
@@ -183,7 +196,7 @@ def _step(
         leak = -1.0 / noise[NOISE_TIME + b]
         second = _plus(second, leak, first)
         third = _plus(third, leak, second)
-        _write_series(f, 4 + b, h, yaw_only, cosine, sine, first, second, third, _plus(fourth, leak, third))
+        _write_series(f, 4 + b, h, located, cosine, sine, first, second, third, _plus(fourth, leak, third))
         f[4 + b, 4 + b] = decays[1, b]
 
 
@@ -204,13 +217,13 @@ def _plus(a: Any, factor: float, b: Any) -> tuple[float, float, float]:
 
 @compiled
 def _write_series(
-    f: Any, at: int, h: float, yaw_only: bool, cosine: float, sine: float, a: Any, b: Any, c: Any, d: Any
+    f: Any, at: int, h: float, located: bool, cosine: float, sine: float, a: Any, b: Any, c: Any, d: Any
 ) -> None:
     """Write the column ``at`` of the transition matrix: series over ``h`` s with the derivatives ``a`` to ``d``."""
     for i in range(3):
         f[1 + i, at] = h * (a[i] + h / 2.0 * (b[i] + h / 3.0 * (c[i] + h / 4.0 * d[i])))
     f[HEADING, at] = h * h / 2.0 * (a[2] + h / 3.0 * (b[2] + h / 4.0 * c[2]))
-    if not yaw_only:
+    if located:
         x, y = h * h / 2.0 * (a[0] + h / 3.0 * b[0]), h * h / 2.0 * (a[1] + h / 3.0 * b[1])
         f[NORTH, at], f[NORTH + 1, at] = x * cosine - y * sine, x * sine + y * cosine
 
@@ -229,40 +242,59 @@ def _response(c: Any, scale: float, yaw_only: bool, axis: int) -> tuple[float, f
 
 @compiled
 def _propagate(f: Any, p: Any, t: Any) -> None:
-    """``p`` = f p f', by its rows; ``t`` is overwritten."""
-    _rows_product(f, p, t)
-    # The transpose of f p is p f'.
-    for i in range(STATES):
-        for k in range(i):
-            t[i, k], t[k, i] = t[k, i], t[i, k]
-    _rows_product(f, t, p)
+    """``p`` = f p f' with the zeros of the transition matrix left out; ``t`` is overwritten with f p."""
+    size = len(p)
+    for i in range(4):
+        f0, f1, f2, f3, f4, f5, f6 = _row(f, i)
+        for k in range(size):
+            forces = f4 * p[4, k] + f5 * p[5, k] + f6 * p[6, k]
+            t[i, k] = f0 * p[0, k] + f1 * p[1, k] + f2 * p[2, k] + f3 * p[3, k] + forces
+    for i in range(4, min(size, NORTH)):
+        own = f[i, i]
+        for k in range(size):
+            t[i, k] = own * p[i, k]
+    for i in range(NORTH, size - 1):
+        f0, f1, f2, f3, f4, f5, f6 = _row(f, i)
+        own = f[i, i - 2]
+        for k in range(size):
+            forces = f4 * p[4, k] + f5 * p[5, k] + f6 * p[6, k]
+            motion = f0 * p[0, k] + f1 * p[1, k] + f2 * p[2, k] + f3 * p[3, k]
+            t[i, k] = p[i, k] + motion + forces + own * p[i - 2, k]
+    # The product with f' is symmetric: its lower triangle, by columns.
+    for k in range(4):
+        f0, f1, f2, f3, f4, f5, f6 = _row(f, k)
+        for i in range(k, size):
+            forces = f4 * t[i, 4] + f5 * t[i, 5] + f6 * t[i, 6]
+            p[i, k] = f0 * t[i, 0] + f1 * t[i, 1] + f2 * t[i, 2] + f3 * t[i, 3] + forces
+            p[k, i] = p[i, k]
+    for k in range(4, min(size, NORTH)):
+        own = f[k, k]
+        for i in range(k, size):
+            p[i, k] = own * t[i, k]
+            p[k, i] = p[i, k]
+    for k in range(NORTH, size - 1):
+        f0, f1, f2, f3, f4, f5, f6 = _row(f, k)
+        own = f[k, k - 2]
+        for i in range(k, size - 1):
+            forces = f4 * t[i, 4] + f5 * t[i, 5] + f6 * t[i, 6]
+            motion = f0 * t[i, 0] + f1 * t[i, 1] + f2 * t[i, 2] + f3 * t[i, 3]
+            p[i, k] = t[i, k] + motion + forces + own * t[i, k - 2]
+            p[k, i] = p[i, k]
 
 
 @compiled
-def _rows_product(f: Any, p: Any, t: Any) -> None:
-    """``t`` = f p, with the zeros of the transition matrix left out."""
-    for k in range(STATES):
-        forces = f[0, 4] * p[4, k] + f[0, 5] * p[5, k] + f[0, 6] * p[6, k]
-        t[0, k] = p[0, k] + f[0, 1] * p[1, k] + f[0, 2] * p[2, k] + f[0, 3] * p[3, k] + forces
-    for i in range(1, 4):
-        for k in range(STATES):
-            forces = f[i, 4] * p[4, k] + f[i, 5] * p[5, k] + f[i, 6] * p[6, k]
-            t[i, k] = f[i, 1] * p[1, k] + f[i, 2] * p[2, k] + f[i, 3] * p[3, k] + forces
-    for i in range(4, 9):
-        for k in range(STATES):
-            t[i, k] = f[i, i] * p[i, k]
-    for i in range(9, 11):
-        for k in range(STATES):
-            forces = f[i, 4] * p[4, k] + f[i, 5] * p[5, k] + f[i, 6] * p[6, k]
-            motion = f[i, 0] * p[0, k] + f[i, 1] * p[1, k] + f[i, 2] * p[2, k] + f[i, 3] * p[3, k]
-            t[i, k] = p[i, k] + motion + forces + f[i, i - 2] * p[i - 2, k]
+def _row(f: Any, i: int) -> tuple[float, float, float, float, float, float, float]:
+    """Entries of a row of the transition matrix for heading, speeds and forces."""
+    return f[i, 0], f[i, 1], f[i, 2], f[i, 3], f[i, 4], f[i, 5], f[i, 6]
 
 
 @compiled
-def _add_noise(c: Any, yaw_only: bool, noise: Any, decays: Any, h: float, psi: float, jacobian: Any, p: Any) -> None:
+def _add_noise(
+    c: Any, yaw_only: bool, located: bool, noise: Any, decays: Any, h: float, psi: float, jacobian: Any, p: Any
+) -> None:
     """Add the covariance of the disturbances' white noise over a step, by Simpson's rule over the response to it."""
     j = jacobian
-    cosine, sine = math.cos(psi), math.sin(psi)
+    cosine, sine = (math.cos(psi), math.sin(psi)) if located else (1.0, 0.0)
     scale = 1.0 / (c[1] * c[2] - c[3] * c[3])
     for b in range(3):
         if yaw_only and b < 2:
@@ -271,35 +303,30 @@ def _add_noise(c: Any, yaw_only: bool, noise: Any, decays: Any, h: float, psi: f
         a0, a1, a2 = first
         b0, b1, b2 = _plus(_times(j, first), -1.0 / noise[NOISE_TIME + b], first)
         power = 2.0 * noise[b] ** 2 / noise[NOISE_TIME + b]
-        for part in range(3):
+        # At the end of the step the noise moves the force alone.
+        p[FORCE + b, FORCE + b] += power * h / 6.0
+        for part in range(1, 3):
             s = 0.5 * h * part
             weight = power * h / 6.0 * (4.0 if part == 1 else 1.0)
-            u, v, r = s * (a0 + s / 2.0 * b0), s * (a1 + s / 2.0 * b1), s * (a2 + s / 2.0 * b2)
-            e = 1.0 if part == 0 else decays[part - 1, b]
             half = s * s / 2.0
-            q0 = half * (a2 + s / 3.0 * b2)
-            k = FORCE + b
+            u, v, r = s * (a0 + s / 2.0 * b0), s * (a1 + s / 2.0 * b1), s * (a2 + s / 2.0 * b2)
+            k, e, q = FORCE + b, decays[part - 1, b], half * (a2 + s / 3.0 * b2)
             p[k, k] += weight * e * e
             for row in range(4):
-                value = q0 if row == 0 else (u if row == 1 else (v if row == 2 else r))
+                value = q if row == 0 else (u if row == 1 else (v if row == 2 else r))
                 p[k, row] += weight * e * value
                 p[row, k] += weight * e * value
-                p[row, 0] += weight * value * q0
+                p[row, 0] += weight * value * q
                 p[row, 1] += weight * value * u
                 p[row, 2] += weight * value * v
                 p[row, 3] += weight * value * r
-            if not yaw_only:
+            if located:
                 x, y = half * (a0 * cosine - a1 * sine), half * (a0 * sine + a1 * cosine)
-                for row in range(4):
-                    value = q0 if row == 0 else (u if row == 1 else (v if row == 2 else r))
+                for row, value in ((0, q), (1, u), (2, v), (3, r), (k, e)):
                     p[row, 9] += weight * value * x
                     p[9, row] += weight * value * x
                     p[row, 10] += weight * value * y
                     p[10, row] += weight * value * y
-                p[k, 9] += weight * e * x
-                p[9, k] += weight * e * x
-                p[k, 10] += weight * e * y
-                p[10, k] += weight * e * y
                 p[9, 9] += weight * x * x
                 p[9, 10] += weight * x * y
                 p[10, 9] += weight * x * y
@@ -335,7 +362,7 @@ def _update(c: Any, noise: Any, sensor: int, value: float, x: Any, p: Any, colum
     if sensor < 2:
         at = HEADING if sensor == 0 else YAW
         predicted = x[at]
-        for k in range(STATES):
+        for k in range(len(p)):
             column[k] = p[at, k]
         spread = column[at]
     else:
@@ -355,16 +382,19 @@ def _update(c: Any, noise: Any, sensor: int, value: float, x: Any, p: Any, colum
             at, predicted, by_heading = NORTH, x[NORTH] + lx * cosine - ly * sine, -lx * sine - ly * cosine
         else:
             at, predicted, by_heading = NORTH + 1, x[NORTH + 1] + lx * sine + ly * cosine, lx * cosine - ly * sine
-        for k in range(STATES):
+        for k in range(len(p)):
             column[k] = p[at, k] + by_heading * p[0, k] + by_rate * p[YAW, k]
-            column[k] += by_north * p[CURRENT, k] + by_east * p[CURRENT + 1, k]
         spread = column[at] + by_heading * column[0] + by_rate * column[YAW]
-        spread += by_north * column[CURRENT] + by_east * column[CURRENT + 1]
+        if len(p) == STATES:
+            for k in range(STATES):
+                column[k] += by_north * p[CURRENT, k] + by_east * p[CURRENT + 1, k]
+            spread = column[at] + by_heading * column[0] + by_rate * column[YAW]
+            spread += by_north * column[CURRENT] + by_east * column[CURRENT + 1]
     error, variance = value - predicted, spread + noise[NOISE_SENSOR + sensor] ** 2
     gain = error / variance
-    for i in range(STATES):
+    for i in range(len(p)):
         x[i] += column[i] * gain
         scaled = column[i] / variance
-        for k in range(STATES):
+        for k in range(len(p)):
             p[i, k] -= scaled * column[k]
     return error, variance

@@ -303,9 +303,13 @@ class PlanarLikelihood:
 
     def equations(self, x: FloatArray, centre: Innovations | None = None) -> NormalEquations:
         """(p,) gradient and (p, p) Fisher information; zeros for fixed coordinates."""
-        free, pieces = self.jacobian(x, centre)
+        return self.equations_of(*self.jacobian(x, centre))
+
+    @staticmethod
+    def equations_of(free: BoolArray, pieces: Sequence[Jacobian]) -> NormalEquations:
+        """`equations` by the Jacobians of `jacobian`."""
         own = NormalEquations.from_jacobians(pieces)
-        gradient, information = np.zeros(len(x)), np.zeros((len(x), len(x)))
+        gradient, information = np.zeros(len(free)), np.zeros((len(free), len(free)))
         gradient[free] = own.gradient
         information[np.ix_(free, free)] = own.information
         return NormalEquations(gradient, information)

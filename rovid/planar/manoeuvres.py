@@ -82,8 +82,11 @@ def turning_circle(track: Track) -> Measures:
     Advance and transfer: distances along and across the approach course until the heading has changed by 90 deg.
     Tactical diameter: distance across until it has changed by 180 deg (MSC.137(76), annex, 4.2 and 4.3). Steady turning
     diameter, rate, drift angle and loss of speed: means over the last quarter of the turn, with standard errors from
-    their scatter. Measures without the necessary measurement, or beyond the end of the turn, are absent.
+    their scatter. Measures without the necessary measurement, or beyond the end of the turn, are absent. A simulation
+    that diverges has none.
     """
+    if not np.isfinite(track.heading[-1]):
+        return {}
     turned = np.abs(track.heading - track.heading[0])
     side = 1.0 if track.heading[-1] >= track.heading[0] else -1.0
     course = track.heading[0]

@@ -83,7 +83,8 @@ class PlanarOptimum:
                 break
             small = small + 1 if value - found[1] < _TOLERANCE else 0
             x, value, damping, innovations = found
-            if small > 1:
+            # After a small gain by a nearly undamped step that was as good as expected, the next gain is far smaller.
+            if small > 1 or (small and damping < _FIRST_DAMPING):
                 break
         return cls(likelihood, x, value)
 
@@ -138,21 +139,27 @@ class PlanarOptimum:
         longest = int(max(one.duration for one in grid.runs) / seconds) + 2
         return np.asarray(run * longest + np.floor(time / seconds).astype(np.intp))
 
-    @cached_property
+    @property
     def equations(self) -> NormalEquations:
         """Gradient and Fisher information."""
-        return self.likelihood.equations(self.x)
+        return self._curvature[0]
 
-    @cached_property
+    @property
     def coordinate_covariance(self) -> FloatArray:
         """(p, p) of the coordinates: inverse information, or the sandwich of blocks where innovations are not white."""
+        return self._curvature[1]
+
+    @cached_property
+    def _curvature(self) -> tuple[NormalEquations, FloatArray]:
+        """`equations` and `coordinate_covariance`, by one Jacobian."""
         free, pieces = self.likelihood.jacobian(self.x)
+        equations = self.likelihood.equations_of(free, pieces)
         groupings = [] if self.is_white else [self.blocks(), self.likelihood.rows.run]
         triangle, scores = grouped_scores(pieces, groupings)
         full = np.zeros((len(self.x), len(self.x)))
         if not math.isfinite(np.linalg.norm(triangle)):
             full[np.ix_(free, free)] = np.diag(np.full(int(free.sum()), math.inf))
-            return full
+            return equations, full
         plain = covariance = inverse_of_triangle(triangle)
         if scores:
             by_prior: FloatArray | float = 0.0
@@ -171,7 +178,7 @@ class PlanarOptimum:
             grow = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(covariance), 1e-300), 1.0))
             covariance = covariance * np.outer(grow, grow)
         full[np.ix_(free, free)] = covariance
-        return full
+        return equations, full
 
     @cached_property
     def covariance(self) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError, join_words
 from rovid.core.formatting import plus_minus
-from rovid.estimate.fisher_information import inverse_information
+from rovid.estimate.fisher_information import NormalEquations, inverse_information
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, fit_likelihood
 from rovid.model.parameter_names import unit_of
 from rovid.planar.dataset import PlanarData
@@ -48,25 +48,27 @@ def total_covariance(best: PlanarOptimum) -> FloatArray:
     coordinates, begin, free = best.coordinates, best.coordinates.noise_begin, best.coordinates.free
     own, count = np.flatnonzero(free[:begin]), len(best.x)
 
-    def moments(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def moments(equations: NormalEquations) -> tuple[FloatArray, FloatArray]:
         """Covariance at a disturbance, and the distance to the parameters that are the likeliest there."""
-        held = coordinates.bounded({at: (x[at], x[at]) for at in range(begin, count)})
-        gradient, information = best.likelihood.with_coordinates(held).equations(x)
-        inverse = inverse_information(information[np.ix_(own, own)])
-        return inverse, inverse @ gradient[own]
+        inverse = inverse_information(equations.information[np.ix_(own, own)])
+        return inverse, inverse @ equations.gradient[own]
 
-    centre, start = moments(best.x)
+    def moments_at(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        held = coordinates.bounded({at: (x[at], x[at]) for at in range(begin, count)})
+        return moments(best.likelihood.with_coordinates(held).equations(x))
+
+    centre, start = moments(best.equations)
     spread, shift = np.zeros_like(centre), np.zeros(len(own))
     errors = np.sqrt(np.diag(inverse_information(best.equations.information)))
     for at in range(begin, begin + NOISE_SENSOR):
         for step in (-math.sqrt(3.0), math.sqrt(3.0)) if free[at] and errors[at] > _KNOWN else ():
             point = coordinates.projected(best.x + step * errors[at] * (np.arange(count) == at))
-            inverse, away = moments(point)
+            inverse, away = moments_at(point)
             spread += (inverse - centre + np.outer(away - start, away - start)) / 6.0
     if best.limited.any():
         looser = best.x.copy()
         looser[begin : begin + len(best.limited)] += math.log(LOOSER) * best.limited
-        shift = moments(looser)[1] - start
+        shift = moments_at(looser)[1] - start
     jacobian = coordinates.value_jacobian(best.x)[:, own]
     grown, change = jacobian @ growth(centre, spread), jacobian @ shift
     return np.asarray(grown @ best.coordinate_covariance[np.ix_(own, own)] @ grown.T + np.outer(change, change))

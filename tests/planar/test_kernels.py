@@ -13,7 +13,9 @@ from rovid.effects import PLANAR_FORMS, effect_named
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar import equations, kernels
 from rovid.planar.coordinates import from_log_cholesky, log_cholesky
+from rovid.planar.dataset import PlanarData
 from rovid.planar.model import SENSORS, PlanarModel, RudderModel
+from rovid.planar.optimum import PlanarOptimum
 
 BASE = np.array([30.0, 45.0, 3.0, 2.0, 10.0, 20.0, 2.0, 15.0, 40.0, 4.0])
 SPEEDS = np.array([0.5, 0.3, 0.4])
@@ -93,8 +95,10 @@ def test_free_run_agrees_with_scipy(case: str) -> None:
     assert (worst < [1e-3, 1e-4, 1e-4, 1e-4, 2e-3, 2e-3]).all()
 
 
+@pytest.mark.parametrize("measured", [SENSORS, SENSORS[:4]])
 @pytest.mark.parametrize("case", CASES)
-def test_filter_agrees_with_the_reference(case: str) -> None:
+def test_filter_agrees_with_the_reference(case: str, measured: tuple[str, ...]) -> None:
+    """With positions, and without them, where the filter leaves out states."""
     model, columns = case_model(case)
     count = 60
     rng = np.random.default_rng(2)
@@ -105,7 +109,7 @@ def test_filter_agrees_with_the_reference(case: str) -> None:
     noise = dict(zip(SENSORS, (0.01, 0.02, 0.02, 0.03, 0.2, 0.3), strict=True))
     events: list[list[tuple[str, float]]] = []
     for k in range(count):
-        seen = [name for name in SENSORS if rng.uniform() < 0.4]
+        seen = [name for name in measured if rng.uniform() < 0.4]
         events.append([(name, motion[name][k] + noise[name] * rng.normal()) for name in seen])
     disturbance = np.array([[2.0, 1.0, 0.3], [3.0, 2.0, 5.0]])
     expected = equations.filter_innovations(
@@ -116,7 +120,7 @@ def test_filter_agrees_with_the_reference(case: str) -> None:
     sensors = np.array([SENSORS.index(name) for each in events for name, _ in each])
     values = np.array([value for each in events for _, value in each])
     error, variance = np.zeros((2, len(values)))
-    states = np.zeros((count, equations.STATES))
+    states = np.zeros((0, equations.STATES))
     stds = np.array([0.0, *start_std, 0.0, 0.0])
     grid = np.array([0, count]), time, inputs, offsets, sensors, values, start[None], stds[None], SPEEDS, False
     kernels.filter_runs(*grid, model.coefficients, numbers, error, variance, states)
@@ -124,6 +128,17 @@ def test_filter_agrees_with_the_reference(case: str) -> None:
     deviation = np.sqrt(expected[:, 1])
     np.testing.assert_allclose(error / deviation, expected[:, 0] / deviation, atol=0.01)
     np.testing.assert_allclose(variance, expected[:, 1], rtol=0.01)
+
+
+def test_a_filter_without_positions_has_the_innovations_of_one_with_them(
+    small: tuple[PlanarData, PlanarOptimum],
+) -> None:
+    likelihood, x = small[1].likelihood, small[1].x
+    assert not {"north", "east"} & {*small[0].sensors}
+    (plain, _), (with_position, states) = likelihood.filtered(x), likelihood.filtered(x, keep=True)
+    assert states[-1, equations.NORTH] != 0.0
+    np.testing.assert_allclose(plain.error, with_position.error, rtol=0.0, atol=1e-12)  # rounding
+    np.testing.assert_allclose(plain.variance, with_position.variance, rtol=1e-9)  # rounding
 
 
 def test_log_cholesky_returns() -> None:

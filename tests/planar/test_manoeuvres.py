@@ -65,6 +65,12 @@ def test_a_turn_that_ends_early_has_no_tactical_diameter() -> None:
     assert "steady_diameter" not in turning_circle(short)
 
 
+def test_a_simulated_turn_that_diverges_has_no_measures() -> None:
+    whole = circle(radius=12.0, rate=0.1, drift=0.0, course=0.0)
+    heading = np.where(whole.time < 0.6 * np.pi / 0.1, whole.heading, np.nan)
+    assert turning_circle(replace(whole, heading=heading)) == {}
+
+
 def nomoto_zigzag(gain: float, constant: float, order: float, threshold: float) -> Track:
     """Zigzag of T*rdot + r = K*steering, integrated exactly; the approach is 10 s long."""
     heading = rate = 0.0

@@ -47,6 +47,18 @@ def test_what_is_known_stays_known_next_to_what_is_not() -> None:
     assert tight @ total @ tight == pytest.approx(4e-8, rel=1e-3)
 
 
+def test_gradient_information_and_covariance_take_one_jacobian(
+    calm: tuple[PlanarData, PlanarOptimum], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    best, taken, jacobian = replace(calm[1]), list[Any](), PlanarLikelihood.jacobian
+    monkeypatch.setattr(PlanarLikelihood, "jacobian", lambda *given: taken.append(1) or jacobian(*given))
+    expected = PlanarLikelihood.equations(best.likelihood, best.x)
+    taken.clear()
+    np.testing.assert_array_equal(best.equations.information, expected.information)
+    assert np.isfinite(best.coordinate_covariance).all()
+    assert len(taken) == 1
+
+
 def test_axes_that_miss_a_force_have_the_errors_of_a_specification_error() -> None:
     """A regression that lacks a force of any correlation is as far from the truth as the error says."""
     names = ("surge.inertia", "sway.inertia", "yaw.inertia", "sway_yaw.inertia", "rudder.r.lift")
