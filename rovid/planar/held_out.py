@@ -33,6 +33,8 @@ _FOLDS = 4
 # Least time between two restarts in s, and most restarts.
 _RESTART, _MOST_WINDOWS = 15.0, 200
 _WORSENED = "With {}, {}: it is not established."
+_STANDS_IN = "Next to {1}, {0} may stand for the same, and is not established: with both, {2}."
+_NOT_ALONE = "Without {1}, the logs do not establish {0}."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -342,19 +344,39 @@ class Gate:
     def established(
         self, model: PlanarOptimum, tested: Sequence[Finding], sure: Sequence[Finding]
     ) -> tuple[list[Finding], PlanarOptimum, list[str]]:
-        """The ``sure`` ones of the ``tested`` causes that make no held-out error larger; their model; messages."""
-        found, messages = list[Finding](), list[str]()
+        """The ``sure`` ones of the ``tested`` causes that make no held-out error larger; their model; messages.
+
+        A cause that makes an error larger is tested again without the weaker ones before it, which may stand for it.
+        """
+        found, lost, messages, search = list[Finding](), list[Finding](), list[str](), self.search
         for one in tested:
-            rest = self.search.polish(self.search.without(model, one.effect))
+            rest = search.polish(search.without(model, one.effect))
             worse = self._worsened(model, rest) if one in sure else ""
+            if worse and found:
+                alone = model
+                for weaker in found:
+                    alone = search.polish(search.without(alone, weaker.effect))
+                if not self._worsened(alone, search.polish(search.without(alone, one.effect))):
+                    messages += [_STANDS_IN.format(two.effect.title, one.effect.title, worse) for two in found]
+                    model, found, worse = alone, [], ""
             if one in sure and not worse:
                 found.append(one)
                 continue
             model = rest
-            messages += [_WORSENED.format(one.effect.title, worse)] if worse else []
-        if found and (worse := self._worsened(model, self.search.base)):
+            if worse:
+                lost.append(one)
+                messages.append(_WORSENED.format(one.effect.title, worse))
+        for one in found if lost else ():
+            # Its test was next to causes that are gone, and that it may stand for.
+            if self.tested(model, one.effect)[0].probability < THRESHOLDS.established:
+                messages.append(_NOT_ALONE.format(one.effect.title, " and ".join(two.effect.title for two in lost)))
+                model, found = (
+                    search.polish(search.without(model, one.effect)),
+                    [two for two in found if two is not one],
+                )
+        if found and (worse := self._worsened(model, search.base)):
             messages.append(_WORSENED.format(" and ".join(one.effect.title for one in found), worse))
-            return [], self.search.base, messages
+            return [], search.base, messages
         return found, model, messages
 
     def _worsened(self, model: PlanarOptimum, other: PlanarOptimum) -> str:

@@ -64,7 +64,7 @@ def filter_runs(
     ``states``: (n, 12) filtered states, written if it has rows.
     """
     keep, wander = len(states) > 0, c[CURRENT_INDEX + 2]
-    located = not yaw_only and (keep or np.any(sensors >= _POSITIONS))
+    located = not yaw_only and (keep or bool(np.any(sensors >= _POSITIONS)))
     # A filter without position and wandering current has no covariance of these states.
     size = STATES if located or wander > 0.0 else _WITHOUT_POSITION
     p, t, f = np.zeros((size, size)), np.zeros((size, size)), np.zeros((STATES, STATES))

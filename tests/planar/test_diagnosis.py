@@ -180,6 +180,36 @@ def test_no_cause_is_established_that_makes_held_out_errors_larger(
     assert [text in message for message in messages] == [True] * bool(text)
 
 
+@pytest.mark.parametrize(
+    ("worse", "established", "message"),
+    [
+        ([{"sway_yaw_damping", "sensor_place"}], {"sensor_place"}, "may stand for the same"),
+        ([{"sway_yaw_damping", "sensor_place"}, {"sensor_place"}], set(), "Without place of the velocity log"),
+        ([], {"sway_yaw_damping", "sensor_place"}, ""),
+    ],
+)
+def test_a_weaker_cause_does_not_take_the_place_of_one_that_it_stands_for(
+    worse: list[set[str]], established: set[str], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In waves, a damping was established next to the true place of a velocity log, and the place was dropped."""
+    damping, place = named("sway_yaw_damping"), named("sensor_place")
+    search: Any = SimpleNamespace(
+        base=frozenset(), polish=lambda one: one, without=lambda model, effect: model - {effect.id}
+    )
+    gate: Any = Gate(search, search)
+    monkeypatch.setattr(
+        gate,
+        "_worsened",
+        lambda model, rest: "an error is larger" if "sensor_place" in model - rest and model in worse else "",
+    )
+    # Without the place, the place would explain the logs better than the damping.
+    monkeypatch.setattr(gate, "tested", lambda *_: (SimpleNamespace(probability=0.1), {}))
+    both = [damping, place]
+    found, model, messages = gate.established(frozenset({"sway_yaw_damping", "sensor_place"}), both, both)
+    assert {one.effect.id for one in found} == set(model) == established
+    assert message in " ".join(messages)
+
+
 def named(effect: str, *rivals: str) -> Any:
     """A finding with the causes that it cannot be told from."""
     return SimpleNamespace(effect=effect_named(effect), indistinguishable=tuple(map(effect_named, rivals)))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rovid.core.array_types import FloatArray
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import with_hull_lift
@@ -51,9 +52,13 @@ def test_gradient_information_and_covariance_take_one_jacobian(
     calm: tuple[PlanarData, PlanarOptimum], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     best, taken, jacobian = replace(calm[1]), list[Any](), PlanarLikelihood.jacobian
-    monkeypatch.setattr(PlanarLikelihood, "jacobian", lambda *given: taken.append(1) or jacobian(*given))
-    expected = PlanarLikelihood.equations(best.likelihood, best.x)
-    taken.clear()
+
+    def counted(likelihood: PlanarLikelihood, x: FloatArray) -> Any:
+        taken.append(x)
+        return jacobian(likelihood, x)
+
+    expected = best.likelihood.equations(best.x)
+    monkeypatch.setattr(PlanarLikelihood, "jacobian", counted)
     np.testing.assert_array_equal(best.equations.information, expected.information)
     assert np.isfinite(best.coordinate_covariance).all()
     assert len(taken) == 1
