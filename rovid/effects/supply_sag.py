@@ -17,7 +17,9 @@ _RATIOS = (0.3, 3.0)
 # Bounds of the loss of thrust, as a share: at the largest load, or of the gain over time. A supply would trip before a
 # larger loss. A gain, as by a battery that warms up, is small.
 _MAX_LOSS, _MAX_GAIN = 0.6, -0.2
-# The same over a whole log, in which a battery may go flat.
+# Sag at full thrust, which may last for a shorter time than the supply takes to sag: half of this loss is reached then.
+_MAX_SAG = 2.0
+# Loss over a whole log, in which a battery may go flat.
 _MAX_FADE = 0.95
 
 
@@ -76,7 +78,7 @@ EFFECT: Effect = Effect(
     title="supply sag",
     parameters=(
         # With 1, a load of 15 % of full thrust costs 15 % of the thrust.
-        EffectParameter(name="sag", unit="1", high=_MAX_LOSS, initial_values=(0.1,), scale="one/load"),
+        EffectParameter(name="sag", unit="1", high=_MAX_SAG, initial_values=(0.1,), scale="one/load"),
         EffectParameter(name="time_constant", unit="s", high=100.0, initial_values=(0.5, 8.0), scale="time"),
     ),
     equation="T' = T·(1 − s·load), the load as a share of full thrust, behind a first-order lag",
@@ -98,7 +100,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="others",
         title="thrust lost to the other thrusters",
-        parameters=EFFECT.parameters[:1],
+        parameters=(replace(EFFECT.parameters[0], high=_MAX_LOSS),),
         equation="F' = F·(1 − s·load of the other thrusters, as a share of full thrust)",
         fingerprint="residual torque in proportion to −F·|F| of two thrusters that push together, none where one does",
         experiment="one level of each thruster, with the other thrusters loaded and idle",

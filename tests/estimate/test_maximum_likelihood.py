@@ -14,6 +14,7 @@ import pytest
 from scipy.stats import chi2
 
 from rovid.core.array_types import FloatArray
+from rovid.effects import effect_named
 from rovid.effects.base import Body
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.filter_data import InnovationData
@@ -24,8 +25,9 @@ from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, fit_likelihood
 from rovid.estimate.output_error import fit_output_error
 from rovid.model.kernels import simulate
 from rovid.store.study import open_study
-from rovid.trial.preprocessing import Run
+from rovid.trial.preprocessing import Run, prepare
 from rovid.trial.rates import compute_rates
+from rovid.trial.trial import Campaign
 from tests import synthetic
 from tests.conftest import SAMPLES, Rovid, slow
 from tests.predictions import NOISE, TIME, TORQUE, fitted_ahead
@@ -374,3 +376,19 @@ def test_disagreeing_horizons_widen_the_errors_with_a_warning() -> None:
     assert len(said) == 1
     assert "half of the difference" in said[0]
     assert np.diag(doubt)[:3].max() > 0.0
+
+
+def test_a_sag_that_bursts_reach_in_part_may_exceed_the_thrust() -> None:
+    """Full thrust for 2 s of 10 s loses a third at most, by a sag of 1.5 with a time constant of 8 s."""
+    sag, time = effect_named("supply_sag"), clock(200.0, rate=5.0)
+    pulses = np.where(time % 10.0 < 2.0, np.sign(np.sin(0.13 * time)), 0.0)
+    log = trial(time, np.asarray(5.0 * pulses, dtype=np.float64))
+    truth = replace(synthetic.ROSUB, effects=(sag,), effect_values=(1.5, 8.0))
+    _, position = truth.simulate(log, truth.torque_input(synthetic.VEHICLE, log))
+    noisy = replace(log, position=position + np.random.default_rng(3).normal(0.0, 1e-4, len(time)))
+    runs = prepare(Campaign(trials=(noisy,), sources=()), synthetic.VEHICLE, cutoff=1.0).items
+    found = fit_likelihood(runs, synthetic.VEHICLE, (sag,)).estimate
+    error = found.standard_error("supply_sag.sag")
+    # 3.5 standard errors, fixed seed.
+    assert found.value("supply_sag.sag") == pytest.approx(1.5, abs=3.5 * error)
+    assert error < 0.15
