@@ -48,6 +48,8 @@ _MOST_WEIGHT = 1.0
 _LEAST_CENTRE = -0.9
 # Smallest over largest eigenvalue of a regular matrix.
 _SINGULAR = 1e-15
+# Standard deviations of an outlier, and median absolute deviations in one of a normal distribution. Convention.
+_OUTLYING, _NORMAL = 5.0, 1.48
 # Median of a chi-square of two degrees of freedom.
 _MEDIAN = 1.386
 
@@ -149,17 +151,30 @@ def _fitted(runs: tuple[Run, ...], vehicle: Vehicle) -> QuickModel | None:
             tau = float(np.clip(values[0] / drag, used[0].rates.kernel.period, longest))
         if count >= _SETTLING - 1:
             found = _moments(logs, values)
+            usual = np.ones(len(found), dtype=bool)
             if not moments:
                 # From the median of all logs: one foreign log with more thrust than the others is no majority.
                 centre = _centre([*compress(found, agree)])
                 values = values + _directions(values) @ np.maximum(centre, _LEAST_CENTRE)
                 found = _moments(logs, values)
+                usual = _has_usual_inertia(found)
             moments = _with_distances(found, values, agree)
             far = np.array([log.distance for log in moments]).clip(_FAR)
-            weights = base * np.where(far < _FOREIGN, _FAR / far, 0.0)
+            weights = base * usual * np.where(far < _FOREIGN, _FAR / far, 0.0)
             if not weights.any():
                 return None
     return QuickModel(values=values, time_constant=tau, logs=tuple(moments), regressors=tuple(logs))
+
+
+def _has_usual_inertia(logs: Sequence[LogMoments]) -> BoolArray:
+    """(n,) whether the inertia of each log is near the median, by the scatter about it.
+
+    Light vehicles move most, and pull the first models. Those divide the drag wrongly, and its deviations scatter.
+    """
+    deviations, errors = np.array([(log.deviation[0], log.standard_errors[0]) for log in logs]).T
+    distances = np.abs(deviations - np.median(deviations))
+    scale = np.hypot(errors, (_NORMAL * np.median(distances)).clip(_LEAST_SCATTER))
+    return np.asarray(distances < _OUTLYING * scale)
 
 
 def _add_torque_of_heading(logs: Sequence[LogRegressors], weights: FloatArray) -> None:

@@ -292,6 +292,18 @@ def test_two_payloads_are_named_and_nothing_is_set_aside(vehicle: str, factors: 
     assert fault.size == pytest.approx(1.3, abs=0.06)  # Quick, for a message.
 
 
+@pytest.mark.parametrize("vehicle", [slow("small"), "large"])
+def test_two_logs_of_a_light_vehicle_do_not_move_the_model(vehicle: str) -> None:
+    """They move most for their torque, and two of six logs would pull the model halfway to theirs."""
+    names = {"hold_0.csv", "hold_2.csv", "sine_1.csv", "sine_2.csv", "steps.csv", "random.csv"}
+    light = dict.fromkeys(("steps.csv", "random.csv"), scaled(model(vehicle), 0.17, 0.17))
+    runs = [run for run in day(vehicle, 0, light) if run.trial.name in names]
+    kept, faults = found(runs)
+    assert {fault.logs for fault in faults} == {("steps.csv",), ("random.csv",)}
+    assert {fault.remedy for fault in faults} == {"set_aside"}
+    assert len(kept) == 4
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "number"), [(777001, 8), (951190, 2)])
 def test_a_log_of_little_torque_does_not_hide_two_payloads(seed: int, number: int, tmp_path: Path) -> None:
