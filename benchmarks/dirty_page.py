@@ -140,8 +140,8 @@ The faults imitate reports of real loggers, and were not derived from the detect
 
 *Named*: `check` or `diagnose` names the fault. If only some logs have the fault, every named log is one of them.
 *False cause*: `diagnose` establishes an effect that does not act, and does not name the fault as indistinguishable from
-it. *Fit right*: inertia and both drags of `fit` are within four standard errors of the truth. *Fit refused*: `fit` gives
-no parameter with a standard error. *Other faults*: faults are reported that the folder does not have. *Crash*: a
+it. *Fit right*: inertia and both drags of `fit` are within four standard errors of the truth. *Fit refused*: `fit`
+gives no parameter with a standard error. *Other faults*: faults are reported that the folder does not have. *Crash*: a
 traceback, or no answer within the time limit. Times are medians of processor time, and may lack the program's start.
 
 False causes: {most}.
