@@ -331,9 +331,13 @@ def _fitted_to_all_readings(
 
 
 def _formless(model: PlanarOptimum, data: PlanarData, tested: Sequence[Finding]) -> list[Finding]:
-    """Couplings in a model that misses much: one of another form may fit as well as the true one."""
-    found = [one for one in tested if isinstance(one.effect.acts, Coupling)]
-    return found if found and (model.is_multi_step or misses_much(model, data)) else []
+    """Couplings in a model that misses much: one of another form may fit as well as the true one.
+
+    A current that wanders whitens the innovations whatever the model misses.
+    """
+    wandering = [one for one in tested if isinstance(one.effect.acts, WaterCurrent) and one.effect.acts.wanders]
+    found = [one for one in tested if isinstance(one.effect.acts, Coupling) or one in wandering]
+    return found if found and (model.is_multi_step or misses_much(model, data, whitened=bool(wandering))) else []
 
 
 def _contradicted(tested: Sequence[Finding], likelier: Sequence[Finding]) -> list[Finding]:

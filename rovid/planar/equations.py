@@ -100,11 +100,15 @@ def _rudder_forces(p: Any, angle: float, thrust: float, u: float, v: float, r: f
     across *= p[5] * (1.0 + p[6] if across > 0.0 else 1.0 - p[6])
     ahead = along * abs(along) + p[4] * max(thrust, 0.0)
     sign = 1.0 if ahead >= 0.0 else -1.0
-    attack = sign * angle + math.atan2(across, math.sqrt(abs(ahead)))
-    attack = min(max(attack, -p[3]), p[3])
-    normal = p[2] * (abs(ahead) + across * across) * math.sin(attack)
+    # Sine and cosine of the angle of attack, times the speed of the flow.
+    sine, cosine, root = math.sin(angle), math.cos(angle), math.sqrt(abs(ahead))
+    across_blade, along_blade = sign * sine * root + cosine * across, cosine * root - sign * sine * across
+    speed = math.sqrt(abs(ahead) + across * across)
+    if along_blade < speed * math.cos(p[3]):  # stalled
+        across_blade = math.copysign(speed * math.sin(p[3]), across_blade)
+    normal = p[2] * speed * across_blade
     # Normal to the blade, whatever the stream.
-    x, y = -p[7] * normal * math.sin(angle), -normal * math.cos(angle)
+    x, y = -p[7] * normal * sine, -normal * cosine
     return x, y, p[0] * y - p[1] * x
 
 

@@ -252,6 +252,7 @@ def refined(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
 def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     """The fitted model with standard errors and with what the data cannot determine."""
     _require_finite(best)
+    best = best.canonical()
     model, coordinates = best.model, best.coordinates
     covariance = best.covariance if best.is_multi_step else total_covariance(best)
     limited = tuple(np.array(AXIS_NAMES)[best.limited].tolist())

@@ -352,12 +352,13 @@ def fit_free_runs(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptimu
     return replace(found, x=np.concatenate((found.x[:count], noise.x[count:])))
 
 
-def misses_much(best: PlanarOptimum, data: dataset.PlanarData) -> bool:
+def misses_much(best: PlanarOptimum, data: dataset.PlanarData, *, whitened: bool = False) -> bool:
     """Whether the model is so wrong that its likelihood says little.
 
-    The innovations are not white, the disturbance is at its limit, and free-running simulations are poor.
+    The innovations are not white, the disturbance is at its limit, and free-running simulations are poor. ``whitened``
+    innovations count as not white.
     """
-    if best.is_white or not best.limited.any():
+    if (best.is_white and not whitened) or not best.limited.any():
         return False
     return any(value < INNOVATIONS_R2 for value in free_run_r2(best.model, data).values())
 

@@ -110,7 +110,8 @@ class PlanarOptimum:
 
     def canonical(self) -> Self:
         """The same model with a current of 0 or more."""
-        return replace(self, x=self.coordinates.canonical(self.x))
+        x = self.coordinates.canonical(self.x)
+        return self if np.array_equal(x, self.x) else replace(self, x=x)
 
     @cached_property
     def is_white(self) -> bool:

@@ -24,7 +24,7 @@ from rovid.planar.diagnosis import (
     _search,
     diagnose_planar,
 )
-from rovid.planar.fit import fit_base
+from rovid.planar.fit import fit_base, planar_result
 from rovid.planar.held_out import Gate, HeldOut
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
@@ -229,17 +229,36 @@ def test_a_cause_is_contradicted_where_the_likelihood_names_another() -> None:
         ("sway_yaw_damping", True, False, True),
         ("sway_yaw_damping", False, False, False),
         ("thruster_lag", False, True, False),
+        ("current:wandering", False, True, True),
+        ("current:wandering", False, False, False),
+        ("current", False, True, False),
     ],
 )
 def test_a_coupling_is_not_established_where_the_model_misses_much(
     key: str, multi_step: bool, misses: bool, expected: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In waves, the damping of sway and yaw was established for an antenna ahead of the origin."""
-    monkeypatch.setattr("rovid.planar.diagnosis.misses_much", lambda *_: misses)
+    """In waves, the damping of sway and yaw was established for an antenna ahead of the origin.
+
+    A wandering current was established for what the model of a hull with fins misses: it made the innovations white.
+    """
+
+    def misses_much(*_: Any, whitened: bool) -> bool:
+        return misses and whitened == key.endswith("wandering")
+
+    monkeypatch.setattr("rovid.planar.diagnosis.misses_much", misses_much)
     model: Any = SimpleNamespace(is_multi_step=multi_step)
     found: Any = SimpleNamespace(effect=effect_named(key))
     data: Any = None
     assert _formless(model, data, [found]) == ([found] if expected else [])
+
+
+def test_a_suspect_current_has_no_negative_speed(small: Small) -> None:
+    (data, base), effect = small, effect_named("current")
+    likelihood = base.likelihood.with_coordinates(base.coordinates.with_effect(effect))
+    x = np.insert(base.x, base.coordinates.noise_begin, [-0.1, 0.5])
+    model = planar_result(data, PlanarOptimum(likelihood, x, likelihood.value(x))).model
+    assert model.value("current.speed") > 0.0
+    assert model.value("current.direction") == pytest.approx(0.5 - np.pi)
 
 
 def test_a_cause_in_the_place_of_a_better_one_that_failed_a_test_is_outweighed() -> None:
