@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 from jsonschema import Draft202012Validator
@@ -23,6 +24,7 @@ from jsonschema.exceptions import best_match
 from rovid.cli import cli
 from rovid.core.errors import RovidError
 from rovid.diagnose.result import Diagnosis
+from rovid.effects import plugins
 from rovid.store import study as study_room
 from rovid.store.study import Study, input_files
 from rovid.trial.assumptions import Assumptions
@@ -135,10 +137,12 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def run_rovid(*arguments: object) -> Done:
     out, err = io.StringIO(), io.StringIO()
+    # Plug-ins of the commands before would be further candidates: in a process of its own a command has none of them.
+    fresh = mock.patch.object(plugins, "_LOADED", plugins._Loaded())  # noqa: SLF001 - what this process has loaded
     argv, sys.argv = sys.argv, ["rovid", *map(str, arguments)]
     code = 0
     try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), _opened_once():
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), _opened_once(), fresh:
             cli.main()
     except SystemExit as end:
         code = int(end.code or 0)

@@ -27,6 +27,15 @@ def test_a_new_effect_replaces_no_file_and_no_effect(rovid: Rovid) -> None:
     assert rovid("effect", "try", "spring_line.py").code == 2
 
 
+def test_a_command_has_no_plug_in_of_the_command_before(rovid: Rovid) -> None:
+    """In a process of its own a command tries the catalogue alone, and so do the commands of these tests."""
+    assert rovid("effect", "new", "spring_line").code == 0
+    for _ in range(2):
+        refused = rovid("fit", "nowhere", "--effect", "spring_line")
+        assert "there is no effect 'spring_line'" in refused.err
+        assert rovid("fit", "nowhere", "--effect", "spring_line", "--effects-from", "spring_line.py").code == 2
+
+
 @pytest.mark.slow
 def test_the_test_of_a_new_effect_passes_as_written(rovid: Rovid) -> None:
     assert rovid("effect", "new", "spring_line").code == 0

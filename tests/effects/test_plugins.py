@@ -92,24 +92,17 @@ def test_an_installed_package_adds_an_effect(tmp_path: Path, monkeypatch: pytest
     sys.modules.pop("mine_effect")
 
 
-def test_the_parameter_file_names_the_plugin_and_refuses_without_it(
-    tmp_path: Path, rovid: Rovid, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def forget() -> None:
-        monkeypatch.setattr(plugins, "_LOADED", plugins._Loaded())  # noqa: SLF001 - as above
-
+def test_the_parameter_file_names_the_plugin_and_refuses_without_it(tmp_path: Path, rovid: Rovid) -> None:
     own = plugin(tmp_path, "own.py")
     write_short_day(tmp_path / "day", runs=("coast_02", "hold_03", "sine_40s_a"))
     fitted = rovid("fit", "day", "--effect", "own_effect", "--effects-from", own, "--json").document
     assert "own_effect.stiffness" in fitted["parameters"]
-    forget()
     for command in ("simulate", "export json", "plan"):
         refused = rovid(*command.split())
         assert refused.code == 2
         assert "own_effect of the plug-in own.py (version sha256:" in refused.err
         assert "--effects-from own.py" in refused.err
     assert rovid("simulate", "--effects-from", own, "--json").document["effects"] == ["own_effect"]
-    forget()
     changed = plugin(tmp_path, "own.py", ("stiffness * maximum", "2.0 * stiffness * maximum"))
     refused = rovid("simulate", "--effects-from", changed)
     assert (refused.code, "Run `rovid fit --effect own_effect` again" in refused.err) == (2, True)
