@@ -1,7 +1,7 @@
 """Logs of another vehicle or payload, and logs that were taken for such.
 
-A log of another vehicle or payload passes for a cause with another size in each trial, or in one trial. Each size is
-compared with those of the other trials. Where one or two logs, and fewer than half, have nearly all of the differences,
+A log of another vehicle or payload passes for a cause with another size in each trial, in one trial, or between the
+instants of two breaks. Each size is compared with those of the other trials. Where one or two logs, and fewer than half, have nearly all of the differences,
 the diagnosis is repeated without these logs. If the cause is not established there, it is not established at all: the
 logs are set aside, and the cause is a suspect next to them. Of the logs of two payloads those of one are diagnosed.
 Where two payloads are only likely, a cause that the logs of one do not show is not established.
@@ -12,6 +12,7 @@ the log. With that torque the log is compared with the others once more, by the 
 belongs takes part in a second diagnosis. It is kept if it belongs by the causes found then, too.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -25,7 +26,7 @@ from rovid.diagnose.result import EVEN, Diagnosis, Finding, doubted
 from rovid.effects.further_terms import trials_in_form
 from rovid.faults.base import named
 from rovid.faults.foreign_log import LIKELY, belonging, minority_payload
-from rovid.faults.quick_model import log_name
+from rovid.faults.quick_model import log_name, log_parts
 from rovid.model.simulation import acting_torque
 from rovid.trial.fault import Fault, Remedy
 from rovid.trial.preprocessing import PreparedRuns, Run
@@ -33,6 +34,9 @@ from rovid.trial.vehicle import Vehicle
 
 # Logs at least, of which a minority can be foreign; logs at most that are taken for foreign.
 _MIN_LOGS, _MOST_FOREIGN = 4, 2
+_HOUR = 3600.0
+# Share of a log from which a cause acts in all of it: its instants have an error. Decision.
+_WHOLE = 0.9
 # Share of the differences (chi-square) that the other logs keep, below which the evidence comes from a few logs.
 _LEFT = 0.25
 # Probability that a returned log is of another vehicle after all: that of residuals which the test calls usual.
@@ -47,10 +51,10 @@ def diagnose_majority(
     names = tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in prepared.items))
     payload = minority_payload(prepared.items, vehicle) if diagnosis.findings else ()
     kind = payload or (minority_payload(prepared.items, vehicle, LIKELY) if diagnosis.findings else ())
-    odd = [(finding, logs) for finding in diagnosis.findings if (logs := kind or few_logs(finding, len(names)))]
+    odd = [(finding, logs) for finding in diagnosis.findings if (logs := kind or few_logs(finding, prepared.items))]
     if not odd:
         return diagnosis
-    remaining, is_repeated = diagnosis, False
+    remaining, kept, is_repeated = diagnosis, prepared.items, False
     few = dict.fromkeys(name for _, logs in odd for name in logs)
     is_minority = bool(kind) or (len(names) >= _MIN_LOGS and 2 * len(few) < len(names))
     if is_minority and not (budget and budget.skips("foreign_log")):
@@ -61,8 +65,7 @@ def diagnose_majority(
         odd = [(finding, logs) for finding, logs in odd if finding.effect.id not in shown]
         if (odd or payload) and others.verdict != "too_little_data":
             remaining, is_repeated = others, True
-            names = tuple(name for name in names if name not in few)
-    again = [(finding, few_logs(finding, len(names))) for finding in remaining.findings] if is_repeated else []
+    again = [(finding, few_logs(finding, kept)) for finding in remaining.findings] if is_repeated else []
     remedies: tuple[Remedy, Remedy] = ("none", "set_aside")
     for finding, logs in (*odd, *(pair for pair in again if pair[1])):
         first, remaining = (finding, logs) in odd, doubted(remaining, finding)
@@ -83,8 +86,12 @@ def diagnose_majority(
     return remaining
 
 
-def few_logs(finding: Finding, count: int) -> tuple[str, ...]:
-    """The one or two of ``count`` logs that alone show a size of their own; empty if there are none, or more logs."""
+def few_logs(finding: Finding, runs: Sequence[Run]) -> tuple[str, ...]:
+    """The one or two logs of ``runs`` that alone show a cause, or its size; empty if there are none, or more logs."""
+    count = len(log_parts(runs))
+    if finding.effect.instants:
+        acts = _logs_between(finding, runs)
+        return acts if count >= _MIN_LOGS and len(acts) <= _MOST_FOREIGN and 2 * len(acts) < count else ()
     names = trials_in_form(finding.effect.form)
     if len(names) < 2 or count < _MIN_LOGS:
         return names
@@ -103,6 +110,21 @@ def few_logs(finding: Finding, count: int) -> tuple[str, ...]:
         if min(left) < _LEFT * every:
             return tuple(names[at] for at in outs[left.index(min(left))])
     return ()
+
+
+def _logs_between(finding: Finding, runs: Sequence[Run]) -> tuple[str, ...]:
+    """The logs in which a cause acts that begins, or ends, at an instant; empty if one of these has the instant."""
+    effect, found = finding.effect, list[str]()
+    instants = [finding.estimate.value(effect.parameter_names[at]) for at in effect.instants]
+    begin, end = (_HOUR * value for value in (*instants, math.inf)[:2])
+    for name, parts in log_parts(runs).items():
+        spans = [(one.trial.campaign_time, one.trial.campaign_time + one.trial.duration) for one in parts]
+        acting = sum(max(min(last, end) - max(first, begin), 0.0) for first, last in spans)
+        share = acting / sum(last - first for first, last in spans)
+        if 1.0 - _WHOLE < share < _WHOLE:
+            return ()
+        found += [name] * (share >= _WHOLE)
+    return tuple(found)
 
 
 def _differences(sizes: FloatArray, covariance: FloatArray, rows: Sequence[int]) -> float:

@@ -14,7 +14,7 @@ from rovid.diagnose.evidence import Evidence
 from rovid.diagnose.foreign_logs import diagnose_majority, few_logs
 from rovid.diagnose.log_rivals import _diagnose, _warnings, _without_offset, coupled_causes, coupled_sentence
 from rovid.diagnose.result import Diagnosis, Finding, OtherCause, discriminating_experiment
-from rovid.effects import bias_torque, command_delay, effect_named, supply_sag, thruster_lag
+from rovid.effects import bias_torque, command_delay, effect_named, supply_sag, thruster_imbalance, thruster_lag
 from rovid.effects.clock_offset import CLOCKS_APART, mean_shifted
 from rovid.estimate.estimate import Estimate
 from rovid.trial.preprocessing import PreparedRuns, shift_commands
@@ -139,7 +139,8 @@ def test_an_offset_that_was_not_corrected_leaves_the_error_unexplained(*, establ
 
 
 SAG = supply_sag.EFFECT
-NAMES = tuple(run.trial.name for run in day("small", 0))
+DAY = day("small", 0)
+NAMES = tuple(run.trial.name for run in DAY)
 
 
 @pytest.mark.parametrize("module", [supply_sag, bias_torque])
@@ -151,14 +152,35 @@ def test_one_or_two_logs_with_a_size_of_their_own_are_named(module: object, logs
     sizes[list(logs)] = 0.6
     sizes += 1.0 - sizes.mean()
     effect = supply_sag.for_trials(names) if module is supply_sag else bias_torque.for_trials(names)
-    assert few_logs(finding(effect, sizes.tolist()), 6) == tuple(names[at] for at in logs)
+    assert few_logs(finding(effect, sizes.tolist()), DAY[:6]) == tuple(names[at] for at in logs)
 
 
 def test_sizes_that_vary_over_all_logs_are_a_cause() -> None:
     effect = supply_sag.for_trials(NAMES[:6])
-    assert few_logs(finding(effect, [0.8, 0.88, 0.96, 1.04, 1.12, 1.2]), 6) == ()
-    assert few_logs(finding(supply_sag.for_trials(NAMES[1:2]), [0.8]), 6) == NAMES[1:2]
-    assert few_logs(finding(supply_sag.FORMS[0], [0.1, 0.1]), 6) == ()
+    assert few_logs(finding(effect, [0.8, 0.88, 0.96, 1.04, 1.12, 1.2]), DAY[:6]) == ()
+    assert few_logs(finding(supply_sag.for_trials(NAMES[1:2]), [0.8]), DAY[:6]) == NAMES[1:2]
+    assert few_logs(finding(supply_sag.FORMS[0], [0.1, 0.1]), DAY[:6]) == ()
+
+
+@pytest.mark.parametrize(
+    ("instants", "logs"),
+    [
+        ((2500, 3500), (3,)),
+        ((2500, 4500), (3, 4)),
+        ((4500,), (5,)),
+        ((2500, 3007), ()),
+        ((2500, 5500), ()),
+        ((10,), ()),
+    ],
+)
+def test_a_change_that_begins_and_ends_between_logs_may_be_another_vehicle(
+    instants: tuple[int, ...], logs: tuple[int, ...]
+) -> None:
+    """The logs begin 1000 s after one another, and last 14.6 s. An instant in a log shows the change itself."""
+    suffix = thruster_imbalance.BETWEEN if len(instants) > 1 else thruster_imbalance.FROM_INSTANT
+    effect = thruster_imbalance.for_thruster(f"bow{suffix}")
+    found = finding(effect, [0.2, *(instant / 3600.0 for instant in instants)])
+    assert few_logs(found, DAY[:6]) == tuple(NAMES[at] for at in logs)
 
 
 def test_sizes_without_a_law_are_possible_at_most() -> None:
