@@ -1,10 +1,11 @@
 """Logs of another vehicle or payload, and logs that were taken for such.
 
 A log of another vehicle or payload passes for a cause with another size in each trial, in one trial, or between the
-instants of two breaks. Each size is compared with those of the other trials. Where one or two logs, and fewer than half, have nearly all of the differences,
-the diagnosis is repeated without these logs. If the cause is not established there, it is not established at all: the
-logs are set aside, and the cause is a suspect next to them. Of the logs of two payloads those of one are diagnosed.
-Where two payloads are only likely, a cause that the logs of one do not show is not established.
+instants of two breaks. Each size is compared with those of the other trials. Where one or two logs, and fewer than
+half, have nearly all of the differences, the diagnosis is repeated without these logs. If the cause is not established
+there, it is not established at all: the logs are set aside, and the cause is a suspect next to them. Of the logs of two
+payloads those of one are diagnosed. Where two payloads are only likely, a cause that the logs of one do not show is not
+established.
 
 A cause that the plain model lacks may deviate most in one log: a moment of sideslip in the only log with sideslip, or a
 dead zone in the only log with small commands. The causes that the other logs establish give the torque that acted in
