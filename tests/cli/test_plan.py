@@ -45,7 +45,10 @@ def test_two_causes_are_distinguished_by_a_fast_command(few: Path, tmp_path: Pat
 def test_a_crew_s_limits_are_kept(few: Path, rovid: Rovid) -> None:
     plain = rovid("plan", few, "--json").document
     assert plain["narrow"] in {"inertia", "quadratic_drag", "linear_drag"}
-    tight = rovid("plan", few, "--minutes", 3, "--max-rate", 9, "--turns", 2, "--narrow", "inertia", "--json").document
+    limits = ("--minutes", 3, "--max-rate", 9, "--turns", 2, "--share", 0.8)
+    tight = rovid("plan", few, *limits, "--narrow", "inertia", "--json").document
+    for name in ("fore", "aft"):
+        assert max(map(abs, tight["commands"][name])) < max(map(abs, plain["commands"][name]))
     assert any(said.startswith("Replaced the earlier plan.csv and plan.png.") for said in tight["warnings"])
     assert 0 < len(tight["runs"]) < len(plain["runs"])
     assert max(run["seconds"] for run in tight["runs"]) <= 180.0
@@ -101,7 +104,8 @@ def test_a_stale_file_contributes_only_the_names_of_its_effects(few: Path, tmp_p
     toml = (folder / "rovid.toml").read_text()
     assert "yaw_arm = 0.43" in toml
     (folder / "rovid.toml").write_text(toml.replace("yaw_arm = 0.43", "yaw_arm = 0.86"))
-    (said,) = rovid("plan", "--json").document["warnings"]
+    (replaced, said) = rovid("plan", "--json").document["warnings"]
+    assert replaced.startswith("Replaced the earlier plan.png.")
     assert "parameters.toml is out of date: yaw_arm of" in said
     assert "names of its effects" in said
 
