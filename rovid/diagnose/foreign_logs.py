@@ -50,13 +50,13 @@ def diagnose_majority(
     """The diagnosis, in which no cause is established whose only evidence is that a few logs differ from the others."""
     diagnosis = diagnose(prepared, vehicle, report, budget)
     names = tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in prepared.items))
-    payload = minority_payload(prepared.items, vehicle) if diagnosis.findings else ()
+    payload = minority_payload(prepared.items, vehicle) if diagnosis.findings or diagnosis.suspects else ()
     kind = payload or (minority_payload(prepared.items, vehicle, LIKELY) if diagnosis.findings else ())
     odd = [(finding, logs) for finding in diagnosis.findings if (logs := kind or few_logs(finding, prepared.items))]
-    if not odd:
+    if not (odd or payload):
         return diagnosis
     remaining, kept, is_repeated = diagnosis, prepared.items, False
-    few = dict.fromkeys(name for _, logs in odd for name in logs)
+    few = dict.fromkeys([*payload, *(name for _, logs in odd for name in logs)])
     is_minority = bool(kind) or (len(names) >= _MIN_LOGS and 2 * len(few) < len(names))
     if is_minority and not (budget and budget.skips("foreign_log")):
         report(f"Repeating the diagnosis without {' and '.join(few)} …")

@@ -56,6 +56,7 @@ _GUESSED = "Or the guessed thrust curve is wrong at its thrust. The log was kept
 _LESS = 0.5
 # A drive that the other logs do not contradict.
 _DRIVEN = "Or {} acts in all logs: the others agree with that as well. The log was kept."
+_EACH_KIND = "No log was set aside: fit each kind by itself. A diagnosis names causes by the larger kind alone."
 # Two kinds of logs in equal numbers; share of the residual that a model of one kind leaves: a tenth of the variance.
 _NO_MAJORITY, _OWN = "Or the others are foreign: neither kind is a majority. No log was set aside.", 0.32
 # Standard error as a share of the deviation, from which its size is unknown: a third leaves one digit. Decision.
@@ -165,7 +166,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
             )
             fault = Fault(fault="foreign_log", logs=best.smaller, text=text, size=1.0 + best.step, confidence=0.97)
             fault = replace(fault, standard_error=best.error)
-            yield Detection(fault=fault, done="No log was set aside: fit each kind by itself.")
+            yield Detection(fault=fault, done=_EACH_KIND)
 
 
 def _is_foreign(log: LogMoments, count: int) -> bool:

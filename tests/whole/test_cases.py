@@ -19,9 +19,6 @@ from tests.whole.damaged_logs import LAG, TABLE, Case, Expected
 
 CASES = Path(__file__).parent.parent / "cases"
 
-# Expectations that are not met yet, as "case command". Whoever meets one deletes it: the tests fail until it is gone.
-NOT_YET = frozenset({"mixed_drag_silent diagnose"})
-
 # Comparisons of this file, some 60: one run in 250 would pass four standard errors by chance, and the logs are fixed.
 SIGMAS = 4.0
 # Standard errors over the truth: an error so wide that it holds everything would pass too.
@@ -33,7 +30,11 @@ UNITS = {"s": 1.0, "ms": 1e-3, "rad": 1.0, "deg": np.pi / 180.0, "": 1.0, "1": 1
 
 BY_NAME = {case.name: case for case in TABLE}
 # A command that takes seconds even alone.
-LONG = {"clocks_13ms diagnose", *(f"{case.name} diagnose" for case in TABLE if LAG in case.truth)}
+LONG = {
+    "clocks_13ms diagnose",
+    "mixed_drag_silent diagnose",
+    *(f"{case.name} diagnose" for case in TABLE if LAG in case.truth),
+}
 
 
 @pytest.fixture(scope="module")
@@ -180,11 +181,9 @@ def expectations() -> list[Any]:
     for case in TABLE:
         for command in case.commands:
             key = f"{case.name} {command}"
-            marks = [pytest.mark.xfail(strict=True, reason="not met yet")] if key in NOT_YET else []
-            # A diagnosis of damage that nobody sees takes long. A fit finds the damage that a check finds.
-            is_long = key in LONG or (key in NOT_YET and command == "diagnose")
-            is_long |= command == "fit" and "check" in case.commands
-            marks += [pytest.mark.slow] if is_long else []
+            # A fit finds the damage that a check finds.
+            is_long = key in LONG or (command == "fit" and "check" in case.commands)
+            marks = [pytest.mark.slow] if is_long else []
             found.append(pytest.param(case.name, command, id=key.replace(" ", "-"), marks=marks))
     return found
 
