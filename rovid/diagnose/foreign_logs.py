@@ -36,8 +36,8 @@ from rovid.trial.vehicle import Vehicle
 # Logs at least, of which a minority can be foreign; logs at most that are taken for foreign.
 _MIN_LOGS, _MOST_FOREIGN = 4, 2
 _HOUR = 3600.0
-# Share of a log from which a cause acts in all of it: its instants have an error. Decision.
-_WHOLE = 0.9
+# Share of a log up to which a cause hardly acts there: its instants have an error. Decision.
+_ACTS = 0.1
 # Share of the differences (chi-square) that the other logs keep, below which the evidence comes from a few logs.
 _LEFT = 0.25
 # Probability that a returned log is of another vehicle after all: that of residuals which the test calls usual.
@@ -114,18 +114,16 @@ def few_logs(finding: Finding, runs: Sequence[Run]) -> tuple[str, ...]:
 
 
 def _logs_between(finding: Finding, runs: Sequence[Run]) -> tuple[str, ...]:
-    """The logs in which a cause acts that begins, or ends, at an instant; empty if one of these has the instant."""
-    effect, found = finding.effect, list[str]()
+    """The logs in which a cause acts that begins, or ends, at an instant."""
+    effect = finding.effect
     instants = [finding.estimate.value(effect.parameter_names[at]) for at in effect.instants]
     begin, end = (_HOUR * value for value in (*instants, math.inf)[:2])
+    share = {}
     for name, parts in log_parts(runs).items():
         spans = [(one.trial.campaign_time, one.trial.campaign_time + one.trial.duration) for one in parts]
         acting = sum(max(min(last, end) - max(first, begin), 0.0) for first, last in spans)
-        share = acting / sum(last - first for first, last in spans)
-        if 1.0 - _WHOLE < share < _WHOLE:
-            return ()
-        found += [name] * (share >= _WHOLE)
-    return tuple(found)
+        share[name] = acting / sum(last - first for first, last in spans)
+    return tuple(name for name, each in share.items() if each > _ACTS)
 
 
 def _differences(sizes: FloatArray, covariance: FloatArray, rows: Sequence[int]) -> float:
