@@ -89,8 +89,12 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
     warnings.extend(dict.fromkeys(text for one in stated.suspected for text in one.failed.values()))
     possible = [_suspect_finding(selection, one) for one in stated.suspected]
     plain = base.model if stated.plain is None else stated.plain.model
-    shown = model.model if model.effects else plain
-    extended = _assess(selection, selection.model, shown, estimate, selection.model)
+    # The limit of the disturbance is that of the selected model: only then the held-out likelihoods are comparable.
+    same_limit = selection.search.without_all(selection.model)
+    # Without effects both models are one, as in `StatedSelection`.
+    extended = assessed = _assess(selection, selection.base, plain, stated.base_estimate, same_limit)
+    if model.effects:
+        extended = _assess(selection, selection.model, model.model, estimate, selection.model)
     waves = _wave_finding(selection)
     if waves is not None and is_established(waves):
         findings.append(waves)
@@ -105,8 +109,6 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
     elif signals or model.at_limit or model.simulated_r2 < INNOVATIONS_R2 or _lacks_torque(selection, model):
         verdict = "unexplained"
     disturbance, _ = model.disturbance
-    # The limit of the disturbance is that of the selected model: only then the held-out likelihoods are comparable.
-    same_limit = selection.search.without_all(selection.model)
     # Smallest detectable size of each effect that was not found, to first order.
     first: dict[str, ScoreTest] = {}
     for test in selection.search.screen(selection.model):
@@ -119,7 +121,7 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
             sizes.append((test.effect, _detectable_size(selection, test, size)))
     return Diagnosis(
         verdict=verdict,
-        base=_assess(selection, selection.base, plain, stated.base_estimate, same_limit),
+        base=assessed,
         extended=extended,
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         suspects=tuple(possible),
