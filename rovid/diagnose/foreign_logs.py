@@ -1,11 +1,11 @@
 """Logs of another vehicle or payload, and logs that were taken for such.
 
-A log of another vehicle or payload passes for a cause with another size in each trial, in one trial, or between the
-instants of two breaks. Each size is compared with those of the other trials. Where one or two logs, and fewer than
-half, have nearly all of the differences, the diagnosis is repeated without these logs. If the cause is not established
-there, it is not established at all: the logs are set aside, and the cause is a suspect next to them. Of the logs of two
-payloads those of one are diagnosed. Where two payloads are only likely, a cause that the logs of one do not show is not
-established.
+A log of another vehicle or payload passes for a cause with another size in each trial, in one trial, or from an instant
+on. A cause that begins or ends at an instant may act in one or two logs alone. Each size is compared with those of the
+other trials. Where one or two logs, and fewer than half, have nearly all of the differences, the diagnosis is repeated
+without these logs. If the cause is not established there, it is not established at all: the logs are set aside, and the
+cause is a suspect next to them. Of the logs of two payloads those of one are diagnosed. Where two payloads are only
+likely, a cause that the logs of one do not show is not established.
 
 A cause that the plain model lacks may deviate most in one log: a moment of sideslip in the only log with sideslip, or a
 dead zone in the only log with small commands. The causes that the other logs establish give the torque that acted in
@@ -49,7 +49,7 @@ def diagnose_majority(
 ) -> Diagnosis:
     """The diagnosis, in which no cause is established whose only evidence is that a few logs differ from the others."""
     diagnosis = diagnose(prepared, vehicle, report, budget)
-    names = tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in prepared.items))
+    count = len(log_parts(prepared.items))
     payload = minority_payload(prepared.items, vehicle) if diagnosis.findings or diagnosis.suspects else ()
     kind = payload or (minority_payload(prepared.items, vehicle, LIKELY) if diagnosis.findings else ())
     odd = [(finding, logs) for finding in diagnosis.findings if (logs := kind or few_logs(finding, prepared.items))]
@@ -57,7 +57,7 @@ def diagnose_majority(
         return diagnosis
     remaining, kept, is_repeated = diagnosis, prepared.items, False
     few = dict.fromkeys([*payload, *(name for _, logs in odd for name in logs)])
-    is_minority = bool(kind) or (len(names) >= _MIN_LOGS and 2 * len(few) < len(names))
+    is_minority = bool(kind) or (count >= _MIN_LOGS and 2 * len(few) < count)
     if is_minority and not (budget and budget.skips("foreign_log")):
         report(f"Repeating the diagnosis without {' and '.join(few)} …")
         kept = tuple(run for run in prepared.items if not {run.trial.parent, run.trial.name} & few.keys())

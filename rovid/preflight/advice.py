@@ -30,7 +30,7 @@ Weight = Literal["grave", "care", "aside"]
 # Requirements on a campaign: levels each way, sine periods, cycles of each; time with one thruster alone and time of
 # coasting, in periods of the cut-off.
 _LEVELS, _SINES, _CYCLES, _ALONE, _COAST = 4, 2, 5, 16.0, 16.0
-# Reversals of a rudder in a zigzag, whose first two overshoot angles are those that IMO's criteria ask for.
+# Least number of reversals of a rudder in a zigzag: IMO's criteria ask for its first two overshoot angles.
 _ZIGZAG = 3
 # Parts of a log, above which a sine is in pieces.
 _MANY_PARTS = 5
@@ -225,12 +225,15 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         # Faults, as lost rows, may have cut a log in many parts, over which the torque goes to and fro.
         torque = np.concatenate([run.torque for run in parts])
         reversals = np.count_nonzero(np.diff(np.sign(torque[torque != 0.0])))
-        is_long = vehicle.is_steered or len(parts) > _MANY_PARTS
-        possible += bool(is_long and reversals >= (_ZIGZAG if vehicle.is_steered else 2 * _CYCLES))
-    if vehicle.is_steered and not possible:
-        text = f"Steer a zigzag with {_ZIGZAG} reversals or more: there is none. Inertia and lag depend on it."
-        yield Advice(kind="sines", text=text)
-    elif periods + possible < _SINES and not vehicle.is_steered:
+        if vehicle.is_steered:
+            possible += bool(reversals >= _ZIGZAG)
+        else:
+            possible += len(parts) > _MANY_PARTS and bool(reversals >= 2 * _CYCLES)
+    if vehicle.is_steered:
+        if not possible:
+            text = f"Steer a zigzag with {_ZIGZAG} reversals or more: there is none. Inertia and lag depend on it."
+            yield Advice(kind="sines", text=text)
+    elif periods + possible < _SINES:
         longest = "that of its own swing" if axis.self_righting else "ten vehicle time constants"
         text = (
             f"Run sines of {_SINES} or more different periods, the longest about {longest}, each for {_CYCLES} cycles: "
