@@ -217,6 +217,20 @@ def played(_: FloatArray, values: FloatArray, width: float) -> FloatArray:
 
 
 @compiled
+def root_slewed(time: FloatArray, values: FloatArray, rate: float) -> FloatArray:
+    """The squared ``slewed`` root of (n,) held ``values``: a thrust goes with the square of the command."""
+    root = slewed(time, np.sign(values) * np.sqrt(np.abs(values)), rate)
+    return root * np.abs(root)
+
+
+@compiled
+def root_played(time: FloatArray, values: FloatArray, width: float) -> FloatArray:
+    """As ``root_slewed``, of ``played``."""
+    root = played(time, np.sign(values) * np.sqrt(np.abs(values)), width)
+    return root * np.abs(root)
+
+
+@compiled
 def delayed(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
     """Mean until the next instant of (n,) held ``values`` with a ``delay`` in s; before, the first value."""
     n = len(values)

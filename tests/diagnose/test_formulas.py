@@ -37,7 +37,7 @@ def factor(signal: str, shape: str = "linear", centre: float = 0.0) -> Factor:
         (Product((factor("rate"), factor("surge_velocity", "size"))), "N m s^2/(rad m)"),
         (Product((factor("thruster_torque"), factor("depth"))), "1/[depth]"),
         (Product((factor("thruster_torque", "sign"), factor("roll", "cosine"))), "N m"),
-        (Product((factor("thruster_torque", "quadratic"),), memory=2.0), "1/(N m)"),
+        (Product((factor("thruster_torque", "quadratic"),), "memory", (2.0,)), "1/(N m)"),
         (Product((factor("thruster_torque", "root"),)), "(N m)^0.5"),
         (Product((factor("rate"), factor("thruster_torque", "root_size"))), "(N m)^0.5 s/rad"),
     ],
@@ -63,7 +63,7 @@ def test_a_memory_follows_a_step_by_its_time_constant() -> None:
 def test_the_effect_file_computes_the_formula() -> None:
     products = (
         Product((factor("rate", "cubic"), factor("roll", "size", 0.1))),
-        Product((factor("thruster_torque", "sign"),), memory=3.0),
+        Product((factor("thruster_torque", "sign"),), "memory", (3.0,)),
     )
     assert is_possible(products)
     assert not is_possible((products[0], Product((factor("depth"),))))
@@ -82,10 +82,10 @@ def test_the_effect_file_computes_the_formula() -> None:
 
 
 def test_a_lagging_torque_is_its_memory_less_itself() -> None:
-    lag = Product((factor("thruster_torque"),), memory=2.0)
+    lag = Product((factor("thruster_torque"),), "memory", (2.0,))
     time, torque = np.linspace(0.0, 4.0, 41), np.ones(41)
     np.testing.assert_allclose(lag.values({"thruster_torque": torque}, time), -np.exp(-time / 2.0), atol=1e-12)
-    assert lag.text_with(", 2 s") == "(memory(thruster_torque, 2 s) - thruster_torque)"
+    assert lag.text_with(["2 s"]) == "(memory(thruster_torque, 2 s) - thruster_torque)"
     acts = effect_of(effect_source((lag,), (1.0,), UNITS, name="mine", axis="yaw")).acts
     assert isinstance(acts, Term)
     at = Instant(0.3, 0.3, 1.0, 0.4, 10.0, 0.0, 0.0, 0.0, Body(5000.0, 3500.0, 130.0))
@@ -302,3 +302,56 @@ def test_a_product_that_its_fit_refutes_does_not_compete_in_the_bootstrap(monkey
     monkeypatch.setattr(found, "_fitted", lambda _, some: fits[some[0]])
     (one,) = found._candidates(base, longest=1)  # noqa: SLF001
     assert (one.products, one.inclusion) == ((products[1],), 1.0)
+
+
+def test_an_oscillation_follows_its_equation() -> None:
+    """Against an integration of x''/w^2 + 2*z*x'/w + x = u by small steps."""
+    time = np.cumsum(np.random.default_rng(3).uniform(0.05, 0.15, 120))
+    values = np.sin(0.8 * time) + (time > 5.0)
+    frequency, damping = 1.4, 0.1
+    x = speed = 0.0
+    expected = [0.0]
+    for k in range(1, len(time)):
+        for _ in range(2000):
+            step = (time[k] - time[k - 1]) / 2000
+            speed += step * (frequency**2 * (values[k - 1] - x) - 2.0 * damping * frequency * speed)
+            x += step * speed
+        expected.append(x)
+    np.testing.assert_allclose(grammar.oscillated(time, values, frequency, damping), expected, atol=2e-3)
+
+
+def test_the_effect_file_holds_an_oscillation_and_what_acts_now_times_the_past() -> None:
+    ringing = Product((factor("rate"),), "oscillation", (1.4, 0.1))
+    sag = Product((factor("thruster_torque", "size"),), "memory", (8.0,), (factor("thruster_torque"),))
+    assert sag.text_with(["8 s"]) == "thruster_torque*memory(abs(thruster_torque), 8 s)"
+    assert sag.unit_of_coefficient(UNITS) == "1/(N m)"
+    assert not is_possible((ringing, sag))
+    at = Instant(0.3, 0.3, 1.0, 0.4, -10.0, 0.0, 0.0, 0.0, Body(5000.0, 3500.0, 130.0))
+    for product, numbers, states, expected in (
+        (ringing, (2.0, 1.4, 0.1), (0.5, 0.2), (1.0, 0.2, 1.4**2 * (0.3 - 0.5) - 2.0 * 0.1 * 1.4 * 0.2)),
+        (sag, (-0.001, 8.0), (50.0,), (-0.001 * -10.0 * 50.0, (10.0 - 50.0) / 8.0)),
+    ):
+        acts = effect_of(effect_source((product,), (1.0,), UNITS, name="mine", axis="yaw")).acts
+        assert isinstance(acts, Term)
+        total, derivatives = acts.evaluate(at, numbers, states)
+        assert (total, *derivatives) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("operator", ["limit", "play", "root_limit", "root_play"])
+def test_an_actuator_without_limits_leaves_no_torque(operator: str) -> None:
+    """The effect file holds the operator's output less the torque, as the grammar's own values."""
+    product = Product((factor("thruster_torque"),), operator, (0.5,))
+    torque = 3.0 * np.sin(np.arange(5.0))
+    inputs = replace(plugins._inputs(CATALOGUE[0]), arms=np.array([2.0]))  # noqa: SLF001
+    effect = effect_of(effect_source((product,), (1.0,), UNITS, name="mine", axis="yaw"))
+    assert isinstance(effect.acts, Term)
+    assert effect.acts.surge_from_thrust is not None
+    (constant,) = product.units_of_constants(1)
+    for value, leaves in ((0.5, True), (1e6 if "limit" in operator else 0.0, False)):
+        series = effect.acts.surge_from_thrust(inputs, 0.5 * torque[:, None], {constant: value})
+        change = replace(product, constants=(value,)).values({"thruster_torque": torque}, inputs.time)
+        np.testing.assert_allclose(series - torque, change, atol=1e-12)
+        # A limited rate takes a moment for each change, and the last value has no interval to reach.
+        assert np.any(np.abs(change[:-1]) > 1e-4) == leaves
+        at = Instant(0.3, 0.3, 1.0, 0.4, torque[2], 0.0, series[2], 0.0, Body(5000.0, 3500.0, 130.0))
+        assert effect.acts.evaluate(at, (2.0, value), ())[0] == pytest.approx(2.0 * change[2])

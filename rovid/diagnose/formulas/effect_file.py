@@ -4,36 +4,43 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rovid.core.formatting import TextTemplates
-from rovid.diagnose.formulas.grammar import HOURS, STATES, THRUST, Factor, Product
+from rovid.diagnose.formulas.grammar import HOURS, OPERATORS, STATES, THRUST, Factor, Product
 from rovid.effects import Effect
 from rovid.effects.actuator_inputs import SPEEDS
+from rovid.effects.base import TERM_PARAMETERS, TERM_STATES
 
 _TEXTS = TextTemplates(__file__, "effect_file")
 # Bounds and initial size of a coefficient, as torque over the RMS torque in use, where the product has its RMS.
 _BOUND, _FIRST = 5.0, 0.03
-# Range of a memory's time constant about its start.
+# Range of an operator's constant about its start.
 _RANGE = 20.0
 
 
 def names_of(products: Sequence[Product]) -> list[str]:
-    """Names of the parameters: coefficients c1, c2, then time constants tau1, tau2 of products with a memory."""
-    return [f"c{k}" for k in range(1, len(products) + 1)] + [f"tau{k + 1}" for k in _slow(products)]
+    """Names of the parameters: coefficients c1, c2, then the constants of operators, as tau1 of a memory."""
+    constants = [name for k, product in enumerate(products, start=1) for name in product.units_of_constants(k)]
+    return [f"c{k}" for k in range(1, len(products) + 1)] + constants
 
 
 def is_possible(products: Sequence[Product]) -> bool:
     """Whether one effect can hold all of the ``products``.
 
-    It has room for four parameters, and for one series of the log. A sum of products of the log alone is one series.
+    It has room for four parameters, for two states, and for one series of the log. A sum of products of the log alone
+    is one series.
     """
+    if len(names_of(products)) > TERM_PARAMETERS or sum(one.states for one in products) > TERM_STATES:
+        return False
     if _is_series(products):
         return True
-    logged = {product.logged for product in products if product.logged}
+    series = {product.logged for product in products if product.logged}
+    of_series = sum(product.of_series for product in products)
     uses_speed = any(SPEEDS[0] in product.signals for product in products)
-    return len(logged) + uses_speed <= 1 and len(names_of(products)) <= 4
+    return len(series) + of_series + uses_speed <= 1
 
 
 def _is_series(products: Sequence[Product]) -> bool:
-    return len(products) > 1 and all(one.factors and one.logged == one.factors and not one.memory for one in products)
+    logged = (one.factors and one.logged == one.factors and not one.operator for one in products)
+    return len(products) > 1 and all(logged)
 
 
 def equation(products: Sequence[Product]) -> str:
@@ -45,16 +52,23 @@ def effect_source(
     products: Sequence[Product], sizes: Sequence[float], units: Mapping[str, str], *, name: str, axis: str
 ) -> str:
     """Text of the file of an effect; ``sizes`` are the RMS values of the products."""
-    slow = _slow(products)
-    place = {k: len(products) + number for number, k in enumerate(slow)}
-    terms, derivatives = [], []
+    names = names_of(products)
+    terms, derivatives, fastest = [], list[str](), ["1e-9"]
     for k, product in enumerate(products):
-        if k in place:
-            state = f"x[{slow.index(k)}]"
-            terms.append(f"p[{k}] * ({state} - {_code(product)})" if product.lags else f"p[{k}] * {state}")
-            derivatives.append(f"({_code(product)} - x[{slow.index(k)}]) / p[{place[k]}]")
-        else:
-            terms.append(f"p[{k}] * {_code(product)}")
+        past = "at.surge" if product.of_series else ""
+        if product.states:
+            at = len(derivatives)
+            past, operator = f"x[{at}]", OPERATORS[product.operator]
+            own = [*product.units_of_constants(k + 1)]
+            places = {f"c{n}": f"p[{names.index(name)}]" for n, name in enumerate(own)}
+            places |= {"u": _code(product.factors), "x0": past, "x1": f"x[{at + 1}]"}
+            derivatives += [code.format(**places) for code in operator.derivatives]
+            values = {f"c{n}": f'values["{name}"]' for n, name in enumerate(own)}
+            fastest.append(operator.fastest.format(**values))
+        change = f" - {_code(product.factors)}" if product.is_change else ""
+        beside = product.outside if past else product.factors
+        now = [_code(beside)] * bool(beside or not past)
+        terms.append(" * ".join([f"p[{k}]", *now, *[f"({past}{change})"] * bool(past)]))
     body = f"    torque = {' + '.join(terms)}\n    return {', '.join(['torque', *derivatives])}\n"
     parameters = [
         _TEXTS["coefficient"].format(
@@ -67,22 +81,29 @@ def effect_source(
         )
         for k, (product, size) in enumerate(zip(products, sizes, strict=True))
     ]
-    for k in slow:
-        start = products[k].memory
-        parameters.append(
-            _TEXTS["memory"].format(name=f"tau{k + 1}", start=start, low=start / _RANGE, high=start * _RANGE)
-        )
-    column = _series_code(next((product.logged for product in products if product.logged), ()))
+    column, imports = _series_code(next((product.logged for product in products if product.logged), ())), ""
+    for k, product in enumerate(products, start=1):
+        constants = product.units_of_constants(k)
+        for (constant, unit), start in zip(constants.items(), product.constants, strict=True):
+            low, high = start / _RANGE, start * _RANGE
+            parameters.append(_TEXTS["constant"].format(name=constant, unit=unit, start=start, low=low, high=high))
+        if product.of_series:
+            function = OPERATORS[product.operator].function.__name__
+            imports = f"from rovid.effects.actuator_dynamics import {function}\n"
+            (constant,) = constants
+            torque = "inputs.weighted_sum(thrust, inputs.arms)"
+            column = f'inputs.apply_per_trial({function}, {torque}, values["{constant}"])'
     if _is_series(products):
         terms = [f'values["c{k}"] * {_series_code(product.factors)}' for k, product in enumerate(products, start=1)]
         column = " + ".join(terms)
         # The series itself is zero without coefficients; an instant that does not come from it may have any value.
-        body = "    return at.surge if p[0] != 0.0 or p[1] != 0.0 else 0.0\n"
+        used = " or ".join(f"p[{k}] != 0.0" for k in range(len(products)))
+        body = f"    return at.surge if {used} else 0.0\n"
     signals = tuple(dict.fromkeys(signal for product in products for signal in product.signals))
     functions, options = "", ""
-    if slow:
-        functions += _TEXTS["fastest"].format(constants=", ".join(f'values["tau{k + 1}"]' for k in slow) + ", 1e9")
-        options += f", states={len(slow)}, fastest=_fastest"
+    if derivatives:
+        functions += _TEXTS["fastest"].format(rates=", ".join(fastest))
+        options += f", states={len(derivatives)}, fastest=_fastest"
     if column:
         functions += _TEXTS["signal"].format(code=column)
         options += ", surge_from_thrust=_signal"
@@ -92,7 +113,8 @@ def effect_source(
         id=name,
         title=f"formula of {' and '.join(signals) or 'a constant'}",
         axis=axis,
-        states=", x" if slow else "",
+        imports=imports,
+        states=", x" if derivatives else "",
         body=body,
         functions=functions,
         parameters="\n".join(parameters),
@@ -124,12 +146,8 @@ def _column(signal: str) -> str:
     return "inputs.campaign_time / 3600.0" if signal == HOURS else f'inputs.extras["{signal}"]'
 
 
-def _slow(products: Sequence[Product]) -> list[int]:
-    return [k for k, product in enumerate(products) if product.memory]
-
-
-def _code(product: Product) -> str:
-    """Code of a product in a compiled term, without its memory."""
-    parts = [factor.code(STATES[factor.signal], "math.") for factor in product.factors if factor.signal in STATES]
-    parts += ["at.surge"] * bool(product.logged)
+def _code(factors: Sequence[Factor]) -> str:
+    """Code of a product of factors in a compiled term; one series holds all that are logged."""
+    parts = [factor.code(STATES[factor.signal], "math.") for factor in factors if factor.signal in STATES]
+    parts += ["at.surge"] * any(factor.signal not in STATES for factor in factors)
     return " * ".join(parts) or "1.0"

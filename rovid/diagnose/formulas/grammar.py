@@ -10,6 +10,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.effects.actuator_dynamics import played, root_played, root_slewed, slewed
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.jit.decorators import compiled
 from rovid.trial.preprocessing import Run, shared_channels
@@ -41,8 +42,11 @@ _UNITS = {
 }
 # Rate, speed or angle at which a smooth sign reaches 76 %, as a share of the signal's RMS.
 _SIGN_SHARE = 0.1
-# Time constants of a first-order memory, in time constants of the vehicle.
-MEMORIES = (0.5, 2.0)
+# Time constants of a first-order memory, in time constants of the vehicle. Rates of a limited torque, in its RMS value
+# for each time constant, and widths of a play, in the RMS value. Frequencies and the damping ratio of an oscillation,
+# which is seen near its frequency alone.
+_MEMORIES, _LIMITS, _PLAYS = (0.5, 2.0), (0.3, 1.0, 3.0), (0.1, 0.4)
+_FREQUENCIES, _DAMPING = tuple(0.4 * 1.25**k for k in range(20)), 0.1
 # Symbols of the longest product of two factors.
 _LONGEST_PAIR = 3
 # Length of the code of one more symbol in nats.
@@ -100,59 +104,127 @@ class Factor:
         return SHAPES[self.shape].function(signal - self.centre, self.scale)
 
 
+@compiled
+def remembered(time: FloatArray, values: FloatArray, constant: float) -> FloatArray:
+    """(n,) output of a first-order low-pass filter that begins at zero; ``values`` are held."""
+    found, state = np.zeros(len(time)), 0.0
+    for k in range(1, len(time)):
+        decay = math.exp((time[k - 1] - time[k]) / constant)
+        state = decay * state + (1.0 - decay) * values[k - 1]
+        found[k] = state
+    return found
+
+
+@compiled
+def oscillated(time: FloatArray, values: FloatArray, frequency: float, damping: float) -> FloatArray:
+    """(n,) output x of x''/ω² + 2ζx'/ω + x = values, which are held; it begins at rest, and ζ is below 1."""
+    found, x, speed = np.zeros(len(time)), 0.0, 0.0
+    ringing = frequency * math.sqrt(1.0 - damping * damping)
+    for k in range(1, len(time)):
+        step = time[k] - time[k - 1]
+        decay, angle = math.exp(-damping * frequency * step), ringing * step
+        off = x - values[k - 1]
+        slope = (speed + damping * frequency * off) / ringing
+        x = values[k - 1] + decay * (off * math.cos(angle) + slope * math.sin(angle))
+        turned = decay * (slope * math.cos(angle) - off * math.sin(angle)) * ringing
+        speed = turned - damping * frequency * (x - values[k - 1])
+        found[k] = x
+    return found
+
+
+class Operator(NamedTuple):
+    """A function of the past of a signal, with constants."""
+
+    constants: Mapping[str, str]  #: Name of each constant, to which the number of its product is added -> unit.
+    function: Callable[..., FloatArray]  #: (instants, held values, *constants) -> values.
+    #: Code of the derivatives of its states x0 and x1, of which the first is the output; u is the value, c0 and c1 are
+    #: the constants. Without states it acts on the series of a trial.
+    derivatives: tuple[str, ...] = ()
+    fastest: str = ""  #: Code of the fastest rate of change of the states in 1/s.
+
+
+OPERATORS = {
+    "memory": Operator({"tau": "s"}, remembered, ("({u} - {x0}) / {c0}",), "1.0 / {c0}"),
+    "oscillation": Operator(
+        {"frequency": "rad/s", "damping": "1"},
+        oscillated,
+        ("{x1}", "{c0} * {c0} * ({u} - {x0}) - 2.0 * {c1} * {c0} * {x1}"),
+        "{c0}",
+    ),
+    "limit": Operator({"rate": "N m/s"}, slewed),
+    "play": Operator({"width": "N m"}, played),
+    # A thrust often goes with the square of the command, or of a propeller's speed.
+    "root_limit": Operator({"rate": "(N m)^0.5/s"}, root_slewed),
+    "root_play": Operator({"width": "(N m)^0.5"}, root_played),
+}
+
+
 @dataclass(frozen=True)
 class Product:
-    """A product of one or two factors, perhaps after a first-order memory; without factors it is 1.
+    """A product of factors, perhaps of the past of some of these; without factors it is 1.
 
-    The memory of the thruster torque is less the torque: with a coefficient of 1 the torque lags.
+    An operator on the thruster torque alone is less the torque: with a coefficient of 1 the torque lags, is limited in
+    its rate, or has a play.
     """
 
     factors: tuple[Factor, ...]
-    memory: float = 0.0  #: Time constant in s of the memory; 0 for none.
+    operator: str = ""  #: Name of the operator on the ``factors``; "" for none.
+    constants: tuple[float, ...] = ()  #: Constants of the operator.
+    outside: tuple[Factor, ...] = ()  #: Further factors, outside of the operator.
 
     @property
-    def lags(self) -> bool:
-        """Whether the product is a memory of the thruster torque less the torque itself."""
-        return self.memory > 0.0 and [(one.signal, one.shape) for one in self.factors] == [
-            ("thruster_torque", "linear")
-        ]
+    def is_change(self) -> bool:
+        """Whether the product is an operator's output for the thruster torque, less the torque itself."""
+        torque = [("thruster_torque", "linear")]
+        return bool(self.operator) and not self.outside and [(one.signal, one.shape) for one in self.factors] == torque
+
+    @property
+    def states(self) -> int:
+        """Number of states that an operator adds to the motion."""
+        return len(OPERATORS[self.operator].derivatives) if self.operator else 0
+
+    @property
+    def of_series(self) -> bool:
+        """Whether an operator acts on the series of a trial, not on the simulated motion."""
+        return bool(self.operator) and not self.states
 
     @property
     def signals(self) -> tuple[str, ...]:
         """The signals in it."""
-        return tuple(dict.fromkeys(factor.signal for factor in self.factors))
+        return tuple(dict.fromkeys(factor.signal for factor in (*self.outside, *self.factors)))
 
     @property
     def logged(self) -> tuple[Factor, ...]:
         """Factors of logged signals, which are no part of the simulated motion."""
-        return tuple(factor for factor in self.factors if factor.signal not in STATES)
+        return tuple(factor for factor in (*self.outside, *self.factors) if factor.signal not in STATES)
 
     @property
     def symbols(self) -> int:
         """Length of its code."""
-        return sum(SHAPES[factor.shape].symbols for factor in self.factors) + 2 * (self.memory > 0.0)
+        return sum(SHAPES[one.shape].symbols for one in (*self.outside, *self.factors)) + 2 * bool(self.operator)
 
     @property
     def text(self) -> str:
         """The product in a formula; ``memory(…)`` is the output of a first-order low-pass filter."""
-        return self.text_with("")
+        return self.text_with(())
 
-    def text_with(self, constant: str) -> str:
-        """The product in a formula, with the time constant of its memory as a text."""
-        text = "*".join(factor.code(factor.signal) for factor in self.factors) or "1"
-        if not self.memory:
-            return text
-        text, whole = f"memory({text}{constant})", text
-        return f"({text} - {whole})" if self.lags else text
+    def text_with(self, constants: Sequence[str]) -> str:
+        """The product in a formula, with the constants of its operator as texts."""
+        inside, *beside = ("*".join(one.code(one.signal) for one in some) for some in (self.factors, self.outside))
+        if not self.operator:
+            return inside or "1"
+        past = f"{self.operator}({', '.join((inside, *constants))})"
+        return f"({past} - {inside})" if self.is_change else "*".join((*filter(None, beside), past))
 
-    def with_memory(self, constant: float) -> Self:
-        """The product after a memory with another time constant in s."""
-        return replace(self, memory=constant)
+    def units_of_constants(self, number: int) -> dict[str, str]:
+        """Name of each constant of the operator -> unit, for the product with this ``number`` in a formula, from 1."""
+        constants = OPERATORS[self.operator].constants if self.operator else {}
+        return {f"{name}{number}": unit for name, unit in constants.items()}
 
     def unit_of_coefficient(self, units: Mapping[str, str]) -> str:
         """Unit of the coefficient that makes the product a torque in N m."""
         powers: dict[str, float] = defaultdict(float, {"N m": -1.0})
-        for factor in self.factors:
+        for factor in (*self.outside, *self.factors):
             above, _, below = units[factor.signal].partition("/")
             powers[above] += SHAPES[factor.shape].power
             if below:
@@ -167,24 +239,15 @@ class Product:
 
     def values(self, series: Mapping[str, FloatArray], time: FloatArray) -> FloatArray:
         """(n,) values at (n,) instants in s of one trial; 0 where a signal is missing."""
-        found = np.ones(len(time))
-        for factor in self.factors:
-            found = found * factor.values(series[factor.signal])
-        found = np.nan_to_num(found)
-        if not self.memory:
-            return found
-        return remembered(time, found, self.memory) - found * self.lags
-
-
-@compiled
-def remembered(time: FloatArray, values: FloatArray, constant: float) -> FloatArray:
-    """(n,) output of a first-order low-pass filter that begins at zero; ``values`` are held."""
-    found, state = np.zeros(len(time)), 0.0
-    for k in range(1, len(time)):
-        decay = math.exp((time[k - 1] - time[k]) / constant)
-        state = decay * state + (1.0 - decay) * values[k - 1]
-        found[k] = state
-    return found
+        inside, beside = (
+            np.prod([np.ones(len(time)), *(one.values(series[one.signal]) for one in some)], axis=0)
+            for some in (self.factors, self.outside)
+        )
+        inside = np.asarray(np.nan_to_num(inside))
+        if not self.operator:
+            return inside
+        past = OPERATORS[self.operator].function(time, inside, *self.constants)
+        return np.asarray(np.nan_to_num(beside * past) - inside * self.is_change)
 
 
 def _power(unit: str, count: float) -> str:
@@ -296,19 +359,35 @@ def _products(signals: Mapping[str, Factor], time_constant: float) -> list[Produ
         if SPEEDS[0] in {first, second} and not {first, second} <= {*STATES}:
             continue
         each = [factors(name, shapes_in_product(name)) for name in (first, second)]
-        # Longer products are rare in nature, and would be half of all.
+        # Longer products are rare in nature, and would be half of all. A heading acts by its sine or cosine at least.
+        longest = _LONGEST_PAIR + ("heading" in {first, second})
         pairs += [
             Product((one, other))
             for one, other in product(*each)
-            if SHAPES[one.shape].symbols + SHAPES[other.shape].symbols <= _LONGEST_PAIR
+            if SHAPES[one.shape].symbols + SHAPES[other.shape].symbols <= longest
         ]
         if second.startswith(THRUST) and first.startswith(THRUST):
             pairs += map(Product, product(*(factors(name, _OF_THRUST) for name in (first, second))))
+    of_past = [name for name in signals if name not in {"angle", "heading", HOURS} and not name.startswith(THRUST)]
+    memories = [("memory", (share * time_constant,)) for share in _MEMORIES]
     slow = [
-        Product((one,), memory=share * time_constant)
-        for name in signals
-        if name not in {"angle", "heading", HOURS} and not name.startswith(THRUST)
+        Product((one,), *memory)
+        for name in of_past
         for one in factors(name, ("linear", "quadratic"))
-        for share in MEMORIES
+        for memory in memories
     ]
+    # The size of the past motion or load changes what acts now, as a supply that sags.
+    own = [replace(signals[name], shape="linear") for name in ("rate", "thruster_torque") if name in signals]
+    slow += [
+        Product((replace(one, shape=shape),), *memory, (now,))
+        for now, one in product(own, own)
+        for shape in ("size", "square")
+        for memory in memories
+    ]
+    slow += [Product((signals["rate"],), "oscillation", (w / time_constant, _DAMPING)) for w in _FREQUENCIES]
+    if torque := signals.get("thruster_torque"):
+        size = torque.scale / _SIGN_SHARE
+        for name, unit in (("", size), ("root_", math.sqrt(size))):
+            slow += [Product((torque,), f"{name}limit", (share * unit / time_constant,)) for share in _LIMITS]
+            slow += [Product((torque,), f"{name}play", (share * unit,)) for share in _PLAYS]
     return [*alone, *pairs, *slow]

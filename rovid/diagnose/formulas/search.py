@@ -39,8 +39,8 @@ from rovid.estimate.fit_result import FitResult
 from rovid.estimate.missing_torque import lacks_torque
 from rovid.model.model import Model
 
-# Formulas in a result, and single products that are fitted next to one model.
-_MOST, _FITTED = 3, 5
+# Formulas in a result, single products that are fitted next to one model, and products of the longest formula.
+_MOST, _FITTED, _LONGEST = 3, 5, 4
 # Products that are fitted in the place of the causes of a diagnosis.
 _RIVALS = 2
 # Correlation of two regressors above which they are the same formula, for fits and for the inclusion frequency.
@@ -90,8 +90,11 @@ class Formula:
         """The formula with its numbers."""
         terms = []
         for k, product in enumerate(self.products, start=1):
-            constant = f", {significant(self.estimate.value(f'tau{k}'), 3)} s" if product.memory else ""
-            terms.append(f"{significant(self.estimate.value(f'c{k}'), 3)}*{product.text_with(constant)}")
+            constants = [
+                f"{significant(self.estimate.value(name), 3)}{f' {unit}' * (unit != '1')}"
+                for name, unit in product.units_of_constants(k).items()
+            ]
+            terms.append(f"{significant(self.estimate.value(f'c{k}'), 3)}*{product.text_with(constants)}")
         return " + ".join(terms).replace("+ -", "- ")
 
 
@@ -209,7 +212,7 @@ class FormulaSearch:
     def _gain(self, one: _Candidate) -> float:
         return one.without.value - one.fitted.value
 
-    def _candidates(self, context: FitResult, count: int = _FITTED, longest: int = 2) -> Iterator[_Candidate]:
+    def _candidates(self, context: FitResult, count: int = _FITTED, longest: int = _LONGEST) -> Iterator[_Candidate]:
         """Fitted formulas next to one model whose gain pays for them, of the ``count`` best products."""
         self.report("Regressing the missing torque on products of signals …")
         products = [product for product in self.grammar.products if is_possible([product])]
@@ -236,7 +239,7 @@ class FormulaSearch:
         drawn = inclusion(found, np.where(competes, prices, np.inf), np.random.default_rng(_SEED), _DRAWS)
         every = [replace(one, inclusion=float(np.mean(correlation[k, drawn] > _SIMILAR))) for k, one in singles.items()]
         best = sorted(every, key=lambda one: -one.score)[:_MOST]
-        for one in best if longest < 2 else map(self._extended, best):
+        for one in (self._extended(one, longest) for one in best):
             if one.score >= bic_score(self.model) + THRESHOLDS.bic_margin:
                 yield one
 
@@ -259,17 +262,20 @@ class FormulaSearch:
         joined = [np.concatenate(list(self.grammar.values(product).values())) for product in products]
         return tuple(max(float(np.sqrt(np.mean(values**2))), 1e-12) for values in joined)
 
-    def _extended(self, one: _Candidate) -> _Candidate:
-        """The formula with the best second product, if that pays for itself; else as it is."""
+    def _extended(self, one: _Candidate, longest: int) -> _Candidate:
+        """The formula with further products, the best first, as long as each pays for itself."""
         products = [product for product in self.grammar.products if is_possible((*one.products, product))]
         products = [product for product in products if product not in one.products]
+        if len(one.products) >= longest or not products:
+            return one
         _, _, net = self._regressed(one.fitted, products)
         best = int(np.argmax(net))
         least = max(THRESHOLDS.bic_margin, THRESHOLDS.misspecification_share * self._gain(one))
         if net[best] < least:
             return one
-        two = self._fitted(one.without, (*one.products, products[best]), one.inclusion)
-        return two if is_plausible(two.fitted) and two.score >= one.score + least else one
+        more = self._fitted(one.without, (*one.products, products[best]), one.inclusion)
+        pays = is_plausible(more.fitted) and more.score >= one.score + least
+        return self._extended(more, longest) if pays else one
 
     def _validated(self, one: _Candidate) -> Formula | None:
         """The result for a formula that passes all rules; else None."""
@@ -337,5 +343,7 @@ def doubt_stand_ins(problem: SearchProblem, selection: Selection) -> Selection:
 
 def units_of(formula: Formula, units: Mapping[str, str]) -> dict[str, str]:
     """Unit of each parameter of a formula."""
-    found = {f"c{k}": product.unit_of_coefficient(units) for k, product in enumerate(formula.products, start=1)}
-    return {name: found.get(name, "s") for name in formula.estimate.names}
+    found = dict[str, str]()
+    for k, product in enumerate(formula.products, start=1):
+        found |= {f"c{k}": product.unit_of_coefficient(units)} | product.units_of_constants(k)
+    return {name: found[name] for name in formula.estimate.names}

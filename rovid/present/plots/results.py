@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -245,14 +246,14 @@ def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle
         time, series = item.run.trial.time, found.grammar.series[name]
         law = np.zeros(len(time))
         for k, product in enumerate(formula.products, start=1):
-            fitted = product.with_memory(formula.estimate.value(f"tau{k}")) if product.memory else product
-            law += formula.estimate.value(f"c{k}") * fitted.values(series, time)
+            constants = tuple(map(formula.estimate.value, product.units_of_constants(k)))
+            law += formula.estimate.value(f"c{k}") * replace(product, constants=constants).values(series, time)
         signal = series[formula.signals[0]] if formula.signals else np.zeros(len(time))
         laws.append(np.interp(at, time, law))
         signals.append(np.interp(at, time, signal))
         residuals.append(item.residual)
     law, signal, residual = map(np.concatenate, (laws, signals, residuals))
-    alone = len(formula.signals) == 1 and not any(product.memory for product in formula.products)
+    alone = len(formula.signals) == 1 and not any(product.operator for product in formula.products)
     x = signal if alone else law
     known = np.isfinite(x) & np.isfinite(residual)
     x, law, residual = x[known], law[known], residual[known]
