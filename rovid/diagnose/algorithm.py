@@ -94,7 +94,7 @@ def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseS
     """
     return Selection(
         search=search,
-        data=objective.data,
+        data=objective.data if objective.multi_step else problem.data,
         base=objective.base,
         model=search.run(start),
         pieces=objective.pieces,

@@ -300,9 +300,9 @@ def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: M
             tested[beside.key] = run_wave_test(wave_data, beside, searched, pieces)
         return tested[beside.key]
 
-    innovations = InnovationObjective(
-        data=replace(data, runs=runs), wave_data=wave_data, candidates=candidates, budget=budget
-    )
+    # Of runs that are not cut, the data of the search are the same object, and none of its results is computed twice.
+    searched = data if runs is prepared.items else replace(data, runs=runs)
+    innovations = InnovationObjective(data=searched, wave_data=wave_data, candidates=candidates, budget=budget)
     return SearchProblem(
         data=data, pieces=pieces, candidates=candidates, innovations=innovations, wave_test=wave_test, budget=budget
     )

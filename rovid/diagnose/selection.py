@@ -22,7 +22,7 @@ class Selection:
     """State of the diagnosis: a selected model and everything needed to validate it."""
 
     search: StepwiseSearch  # with the effects banned so far and the cache of fits
-    data: FitData  # all data; the search may use fewer
+    data: FitData  # all data, of whole logs; the search may use fewer, or parts of the logs
     base: FitResult  # without effects
     model: FitResult  # as selected
     pieces: Sequence[CvPiece]  # of the runs, for cross-validation

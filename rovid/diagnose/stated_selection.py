@@ -26,7 +26,6 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit, misspecification_co
 from rovid.estimate.missing_torque import include_missing_torque
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, require_inertia
 from rovid.estimate.unknown_past import water_warning
-from rovid.model.parameter_names import without_form
 
 # Share of a model with effects that show only together, and that are likely, but not established. Convention.
 _EVEN = 0.5
@@ -144,7 +143,7 @@ def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:
             if not model.is_white and bic_score(fitted) - bic_score(rest) >= THRESHOLDS.equivalent_form_share * gain:
                 weight = 1.0
             weights.append(weight)
-            deviations.append(_deviation(estimate, fitted))
+            deviations.append(_deviation(estimate, fitted, effect))
     away, share = np.array(deviations).reshape(-1, len(estimate.names)), np.array(weights) / (1.0 + sum(weights))
     return replace(estimate, covariance=estimate.covariance + _between(away, share))
 
@@ -169,21 +168,31 @@ def _between(away: FloatArray, share: FloatArray) -> FloatArray:
     return np.asarray(away.T @ (away * share[:, np.newaxis]))
 
 
-def _deviation(estimate: Estimate, fitted: FitResult) -> FloatArray:
-    """(p,) difference of each parameter between ``fitted`` and ``estimate``; zero without a common parameter."""
+def _deviation(estimate: Estimate, fitted: FitResult, replaced: Effect | None = None) -> FloatArray:
+    """(p,) difference of each parameter between ``fitted`` and ``estimate``; zero without a common parameter.
+
+    The last effect of ``fitted`` may stand in the place of an effect that it ``replaced``.
+    """
     model = fitted.canonical().model
-    there = dict(zip(_common_names(model.names, fitted.effects), model.values.tolist(), strict=True))
-    here = zip(_common_names(estimate.names, fitted.effects), estimate.values.tolist(), strict=True)
+    there = dict(zip(model.names, model.values.tolist(), strict=True))
+    if replaced is not None:
+        other = fitted.effects[-1]
+        common = _common_parameters(replaced, other)
+        there |= {f"{replaced.key}.{name}": there[f"{other.key}.{name}"] for name in common}
+    here = zip(estimate.names, estimate.values.tolist(), strict=True)
     return np.array([there.get(name, value) - value for name, value in here])
 
 
-def _common_names(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
-    """Parameter names without the form where all forms of an effect share the parameter.
+def _common_parameters(effect: Effect, other: Effect) -> list[str]:
+    """Names of the parameters that are one quantity in two forms of an effect: of one unit, scale and largest value.
 
-    An amplitude is that of another number of cycles in each form.
+    The same name is not enough: the loss of a saturating thrust curve is that at a tenth of the largest thrust, and the
+    loss of a parabolic one that at the largest. An amplitude is that of another number of cycles in each form.
     """
-    specific = {effect.key for effect in effects if effect.per_thruster or effect.canonical is canonical_phases}
-    return [name if _effect_key(name) in specific else without_form(name) for name in names]
+    if effect.id != other.id or effect.per_thruster or effect.canonical is canonical_phases:
+        return []
+    quantities = {(one.name, one.unit, one.scale, one.high) for one in other.parameters}
+    return [one.name for one in effect.parameters if (one.name, one.unit, one.scale, one.high) in quantities]
 
 
 def _effect_key(name: str) -> str:

@@ -49,6 +49,7 @@ class TrialRows(NamedTuple):
     selection: SampleSelection | None = None  #: Selected instants of its log; None for all.
     subdivided: BoolArray | None = None  #: (m,) which of the intervals after these are subdivided; None for all.
     past: int = 0  #: Number of instants before the log begins, among these.
+    log_offset: float = 0.0  #: s from the start of its log.
 
     def held_means(self, values: FloatArray) -> FloatArray:
         """(past + m,) of (n,) held values: the first one, and means over the intervals between selected instants."""
@@ -132,6 +133,11 @@ class ActuatorInputs:
         """(n,) s from each instant to the next of its trial, 0 from the last."""
         times = [self.time[one.rows] for one in self.trials]
         return np.concatenate([np.diff(time, append=time[-1]) for time in times])
+
+    @cached_property
+    def log_time(self) -> FloatArray:
+        """(n,) s from the start of each trial's log, of which the trial may be a part."""
+        return np.concatenate([one.log_offset + self.time[one.rows] for one in self.trials])
 
     @cached_property
     def campaign_time(self) -> FloatArray:
@@ -236,7 +242,15 @@ def actuator_inputs(
     time = trial.time if at is None else trial.time[at]
     counts = _part_counts(len(time), subdivision, subdivided)
     name, past = trial.parent or trial.name, np.zeros(0) if trial.past is None else trial.past.time
-    rows = TrialRows(trial.name, name, trial.campaign_time, selection=selection, subdivided=subdivided, past=len(past))
+    rows = TrialRows(
+        trial.name,
+        name,
+        trial.campaign_time,
+        selection=selection,
+        subdivided=subdivided,
+        past=len(past),
+        log_offset=trial.log_time,
+    )
     if len(past):
         counts = np.concatenate((np.ones(len(past), dtype=counts.dtype), counts))
         time = np.concatenate((past, time))

@@ -44,7 +44,7 @@ def _from_instant(inputs: ActuatorInputs, thrust: FloatArray, values: Values) ->
 
 
 def _with_time(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    drop = values["drift"] * inputs.time / _HOUR
+    drop = values["drift"] * inputs.log_time / _HOUR
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 

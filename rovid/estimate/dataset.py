@@ -363,7 +363,7 @@ def effect_scales(
         surge=_rms_speed(trials, SPEEDS[0]),
         sway=_rms_speed(trials, SPEEDS[1]),
         load=load,
-        longest=max(trial.duration for trial in trials) / _HOUR,
+        longest=max(trial.log_time + trial.duration for trial in trials) / _HOUR,
         day=max(trial.campaign_time + trial.duration for trial in trials) / _HOUR,
         time=time,
     )

@@ -112,6 +112,7 @@ class Trial:
     rate_only: bool = False  #: Only the rate was measured; ``position`` is its integral.
     start_epoch: float | None = None  #: s since 1970 at time 0; None where the log has no absolute time.
     campaign_time: float = 0.0  #: s from the beginning of the campaign's first trial to the beginning of this one.
+    log_time: float = 0.0  #: s from the beginning of its log to the beginning of this trial.
     parent: str = ""  #: Name of the trial that this one is a part of; else empty.
     companion_files: tuple[Path, ...] = ()  #: Further files of the trial.
     separate_clocks: bool = False  #: Whether commands and motion have stamps of their own, as topics do.
@@ -173,6 +174,7 @@ class Trial:
             readings={name: one.between(start, float(self.time[rows][-1])) for name, one in self.readings.items()},
             start_epoch=None if self.start_epoch is None else self.start_epoch + start,
             campaign_time=self.campaign_time + start,
+            log_time=self.log_time + start,
             past=self._past_of(rows.indices(len(self.time))[0], known_from),
             cuts=tuple(cut - start for cut in self.cuts),
             unknown=tuple((begin - start, end - start) for begin, end in self.unknown),

@@ -238,14 +238,23 @@ def test_waves_smaller_than_their_standard_error_are_no_suspect(
     assert (_wave_finding(replace(selection, waves=waves)) is not None) == is_suspect
 
 
-def test_amplitudes_of_other_numbers_of_cycles_are_other_parameters() -> None:
-    """The form with both has no first harmonic where two cycles act, and that is no error of their amplitude."""
-    estimate: Any = SimpleNamespace(
-        names=("inertia", "heading_deviation:two_cycles.amplitude"), values=np.array([2.0, 0.05])
-    )
-    names = ("inertia", "heading_deviation:mixed.amplitude", "heading_deviation:mixed.second_amplitude")
-    model = SimpleNamespace(names=names, values=np.array([2.5, 0.0, 0.05]))
-    fitted: Any = SimpleNamespace(
-        effects=(effect_named("heading_deviation:mixed"),), canonical=lambda: fitted, model=model
-    )
-    assert _deviation(estimate, fitted) == pytest.approx([0.5, 0.0])
+@pytest.mark.parametrize(
+    ("name", "other", "names", "difference"),
+    [
+        # The form with both has no first harmonic where two cycles act, and that is no error of their amplitude.
+        ("heading_deviation:two_cycles.amplitude", "heading_deviation:mixed", ("amplitude", "second_amplitude"), 0.0),
+        # Losses at a tenth of the largest thrust and at the largest thrust.
+        ("thrust_curve_shape:saturating.loss", "thrust_curve_shape:parabola", ("loss",), 0.0),
+        ("speed_dependent_damping.linear", "speed_dependent_damping:estimated", ("linear",), 0.0),
+        ("thruster_lag.time_constant", "thruster_lag:command", ("time_constant",), -0.05),
+    ],
+)
+def test_parameters_of_one_name_that_are_other_quantities_are_not_compared(
+    name: str, other: str, names: tuple[str, ...], difference: float
+) -> None:
+    estimate: Any = SimpleNamespace(names=("inertia", name), values=np.array([2.0, 0.05]))
+    every = ("inertia", *(f"{other}.{own}" for own in names))
+    model = SimpleNamespace(names=every, values=np.array([2.5, 0.0, 0.05][: len(every)]))
+    fitted: Any = SimpleNamespace(effects=(effect_named(other),), canonical=lambda: fitted, model=model)
+    replaced = effect_named(name.rpartition(".")[0])
+    assert _deviation(estimate, fitted, replaced) == pytest.approx([0.5, difference])

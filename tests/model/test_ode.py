@@ -38,8 +38,8 @@ def test_the_initial_rate_from_the_gyro() -> None:
 
 
 TIME = synthetic.clock(60.0)
-# Effects that act between command and torque, but for those that depend on the time since the log began.
-DRIVES = [one for one in EVERY if isinstance(one.acts, Actuating) and one.key != "supply_sag:drift"]
+# Effects that act between command and torque.
+DRIVES = [one for one in EVERY if isinstance(one.acts, Actuating)]
 
 
 def log(torque: FloatArray, first_rate: float = 0.0) -> Trial:

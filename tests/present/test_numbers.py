@@ -145,20 +145,12 @@ def check_fits(rovid: Rovid, logs: Path, file: Path, along: tuple[object, ...], 
     same_criterion = {one.get("method") for one in (*other["parameters"].values(), *stored["parameters"].values())}
     for name, parameter in diagnosed["base"]["parameters"].items():
         assert sized(fitted[name]) == sized(parameter_of(other, name)), name
-        # A diagnosis cuts few trials into parts, and its errors include what suspects would change; it says so.
-        whole = not diagnosed["suspects"] and not any("were cut into" in text for text in diagnosed["warnings"])
-        if len(same_criterion) == 1 and whole and not diagnosed["guessed"]:
+        # The errors of a diagnosis include what suspects would change; it says so.
+        if len(same_criterion) == 1 and not diagnosed["suspects"] and not diagnosed["guessed"]:
             # Both fit the plain model, from other starts.
             error = fitted[name]["standard_error"]
             assert abs(fitted[name]["value"] - parameter["value"]) <= SAME_OPTIMUM * error, name
             assert error == pytest.approx(parameter["standard_error"], rel=0.05), name
-    uncut = stored
-    if any("were cut into" in text for text in diagnosed["warnings"]):
-        # A comparison fits the logs whole, and has the figures of `rovid fit` with these causes.
-        keys = {key.rpartition(".")[0] for key in stored["parameters"] if "." in key}
-        causes = [word for key in sorted(keys) for word in ("--effect", key)]
-        assert rovid("fit", logs, "-p", file.with_name("whole.toml"), *causes, *along).code == 0
-        uncut = tomllib.loads(file.with_name("whole.toml").read_text(encoding="utf-8"))
     for a, b in ((file.with_name("f.toml"), file), (file, logs)):
         compared = rovid("compare", a, b, *along, "--budget", "3600", "--json").document
         screen = plain(rovid("compare", a, b, *along, "--budget", "3600").out)
@@ -168,7 +160,7 @@ def check_fits(rovid: Rovid, logs: Path, file: Path, along: tuple[object, ...], 
             if name == "thrust_scale" or sides["b"] is None:
                 continue
             assert sized(sides["b"]) in screen, name
-            gap = abs(sides["b"]["value"] - parameter_of(uncut if b is logs else stored, name)["value"])
+            gap = abs(sides["b"]["value"] - parameter_of(stored, name)["value"])
             assert gap <= SAME_OPTIMUM * sides["b"]["standard_error"], name
 
 
