@@ -18,8 +18,6 @@ from rovid.estimate.fit_result import FitResult
 
 # What people read where the logs do not decide between causes, or decide nothing.
 CANNOT_TELL = "cannot tell"
-# Share of the thrust that a switch takes away, from which friction does the same: the threshold has an error. Decision.
-_HELD_SHARE = 0.9
 
 
 def posterior_probability(
@@ -224,7 +222,7 @@ def is_held_by_friction(fitted: FitResult, effect: Effect) -> bool:
     every = [[each.torque_input(vehicle, run.trial).torque for run in fitted.data.runs] for each in (model, without)]
     own, plain = map(np.concatenate, every)
     change = np.abs(own - plain)
-    return bool(change[np.abs(plain) <= held].sum() > _HELD_SHARE * change.sum())
+    return bool(change[np.abs(plain) <= held].sum() > THRESHOLDS.held_share * change.sum())
 
 
 class Evidence(StrEnum):

@@ -24,6 +24,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.result import EVEN, Diagnosis, Finding, doubted
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.further_terms import trials_in_form
 from rovid.faults.base import named
 from rovid.faults.foreign_log import LIKELY, belonging, minority_payload
@@ -36,8 +37,6 @@ from rovid.trial.vehicle import Vehicle
 # Logs at least, of which a minority can be foreign; logs at most that are taken for foreign.
 _MIN_LOGS, _MOST_FOREIGN = 4, 2
 _HOUR = 3600.0
-# Share of a log up to which a cause hardly acts there: its instants have an error. Decision.
-_ACTS = 0.1
 # Share of the differences (chi-square) that the other logs keep, below which the evidence comes from a few logs.
 _LEFT = 0.25
 # Probability that a returned log is of another vehicle after all: that of residuals which the test calls usual.
@@ -49,42 +48,46 @@ def diagnose_majority(
 ) -> Diagnosis:
     """The diagnosis, in which no cause is established whose only evidence is that a few logs differ from the others."""
     diagnosis = diagnose(prepared, vehicle, report, budget)
-    count = len(log_parts(prepared.items))
     payload = minority_payload(prepared.items, vehicle) if diagnosis.findings or diagnosis.suspects else ()
     kind = payload or (minority_payload(prepared.items, vehicle, LIKELY) if diagnosis.findings else ())
     odd = [(finding, logs) for finding in diagnosis.findings if (logs := kind or few_logs(finding, prepared.items))]
-    if not (odd or payload):
-        return diagnosis
-    remaining, kept, is_repeated = diagnosis, prepared.items, False
     few = dict.fromkeys([*payload, *(name for _, logs in odd for name in logs)])
+    count = len(log_parts(prepared.items))
     is_minority = bool(kind) or (count >= _MIN_LOGS and 2 * len(few) < count)
-    if is_minority and not (budget and budget.skips("foreign_log")):
-        report(f"Repeating the diagnosis without {' and '.join(few)} …")
-        kept = tuple(run for run in prepared.items if not {run.trial.parent, run.trial.name} & few.keys())
-        others = diagnose(replace(prepared, items=kept), vehicle, report, budget)
-        shown = {finding.effect.id for finding in others.findings}
-        odd = [(finding, logs) for finding, logs in odd if finding.effect.id not in shown]
-        if (odd or payload) and others.verdict != "too_little_data":
-            remaining, is_repeated = others, True
-    again = [(finding, few_logs(finding, kept)) for finding in remaining.findings] if is_repeated else []
-    remedies: tuple[Remedy, Remedy] = ("none", "set_aside")
-    for finding, logs in (*odd, *(pair for pair in again if pair[1])):
-        first, remaining = (finding, logs) in odd, doubted(remaining, finding)
-        if payload and first:  # the faults of the logs contain two payloads already
+    # The faults of the logs contain two payloads already.
+    told = not payload
+    if not (few and is_minority) or (budget and budget.skips("foreign_log")):
+        return _doubting(diagnosis, odd, "none", told=told)
+    report(f"Repeating the diagnosis without {' and '.join(few)} …")
+    kept = tuple(run for run in prepared.items if not {run.trial.parent, run.trial.name} & few.keys())
+    others = diagnose(replace(prepared, items=kept), vehicle, report, budget)
+    shown = {finding.effect.id for finding in others.findings}
+    odd = [(finding, logs) for finding, logs in odd if finding.effect.id not in shown]
+    if not (odd or payload) or others.verdict == "too_little_data":
+        return _doubting(diagnosis, odd, "none", told=told)
+    again = [(finding, logs) for finding in others.findings if (logs := few_logs(finding, kept))]
+    others = _doubting(_doubting(others, odd, "set_aside", told=told), again, "none")
+    text = f"The diagnosis is of one payload alone: it leaves out {named(payload)}."
+    return replace(others, warnings=(text, *others.warnings)) if payload else others
+
+
+def _doubting(
+    diagnosis: Diagnosis, odd: Sequence[tuple[Finding, tuple[str, ...]]], remedy: Remedy, *, told: bool = True
+) -> Diagnosis:
+    """The ``diagnosis`` whose ``odd`` findings, of these logs alone, are suspects; the logs are faults if ``told``."""
+    for finding, logs in odd:
+        diagnosis = doubted(diagnosis, finding)
+        if not told:
             continue
-        aside = first and is_repeated
         belong, done = ("does not belong", "It was") if len(logs) == 1 else ("do not belong", "They were")
         text = (
             f"{named(logs)} {belong} to the other logs, or {finding.effect.title} acts there: the other logs alone do "
-            f"not show it. {f'{done} set aside.' if aside else 'Repeat these runs, and compare.'}"
+            f"not show it. {f'{done} set aside.' if remedy == 'set_aside' else 'Repeat these runs, and compare.'}"
         )
-        confidence, remedy = EVEN * finding.probability, remedies[aside]
+        confidence = EVEN * finding.probability
         fault = Fault(fault="foreign_log", logs=logs, text=text, confidence=confidence, remedy=remedy)
-        remaining = replace(remaining, faults=(*remaining.faults, fault))
-    if payload and is_repeated:
-        text = f"The diagnosis is of one payload alone: it leaves out {named(payload)}."
-        remaining = replace(remaining, warnings=(text, *remaining.warnings))
-    return remaining
+        diagnosis = replace(diagnosis, faults=(*diagnosis.faults, fault))
+    return diagnosis
 
 
 def few_logs(finding: Finding, runs: Sequence[Run]) -> tuple[str, ...]:
@@ -123,7 +126,7 @@ def _logs_between(finding: Finding, runs: Sequence[Run]) -> tuple[str, ...]:
         spans = [(one.trial.campaign_time, one.trial.campaign_time + one.trial.duration) for one in parts]
         acting = sum(max(min(last, end) - max(first, begin), 0.0) for first, last in spans)
         share[name] = acting / sum(last - first for first, last in spans)
-    return tuple(name for name, each in share.items() if each > _ACTS)
+    return tuple(name for name, each in share.items() if each > THRESHOLDS.acting_share)
 
 
 def _differences(sizes: FloatArray, covariance: FloatArray, rows: Sequence[int]) -> float:

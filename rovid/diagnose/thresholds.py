@@ -233,6 +233,13 @@ class Thresholds:
     Set: decision; interpolation, stamps and integration have errors of this size. Errors of a
     simulator's steps reached 0.06 of an interval, true effects 0.5 or more. Halved: some of those errors become causes;
     doubled: no change in these campaigns."""
+    held_share: float = 0.9
+    """Share of the thrust that an effect takes away. Friction that holds the vehicle does the same from here on. Set:
+    decision; the threshold of a switch has an error. Halved: more effects are dropped next to friction; doubled: no
+    effect is."""
+    acting_share: float = 0.1
+    """Share of the time of a log. A cause between two instants hardly acts in a log up to here. Set: decision; the
+    instants have an error. Halved: fewer causes count as those of one or two logs; doubled: more."""
     sampling_change: float = 0.05
     """Share of the RMS rate. The change of the rate in a sampling interval counts as this much at most: an effect of
     half a percent of the rate is never too small. Set: decision, below the 3 % of a visible cause. Halved or doubled:
