@@ -1,7 +1,7 @@
 """The effect of a formula, as the text of a Python file in the form of a plug-in, and as the effect that it holds."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 from rovid.core.formatting import TextTemplates
 from rovid.diagnose.formulas.grammar import HOURS, OPERATORS, STATES, THRUST, Factor, Product
@@ -52,58 +52,13 @@ def effect_source(
     products: Sequence[Product], sizes: Sequence[float], units: Mapping[str, str], *, name: str, axis: str
 ) -> str:
     """Text of the file of an effect; ``sizes`` are the RMS values of the products."""
-    names = names_of(products)
-    terms, derivatives, fastest = [], list[str](), ["1e-9"]
-    for k, product in enumerate(products):
-        past = "at.surge" if product.of_series else ""
-        if product.states:
-            at = len(derivatives)
-            past, operator = f"x[{at}]", OPERATORS[product.operator]
-            own = [*product.units_of_constants(k + 1)]
-            places = {f"c{n}": f"p[{names.index(name)}]" for n, name in enumerate(own)}
-            places |= {"u": _code(product.factors), "x0": past, "x1": f"x[{at + 1}]"}
-            derivatives += [code.format(**places) for code in operator.derivatives]
-            values = {f"c{n}": f'values["{name}"]' for n, name in enumerate(own)}
-            fastest.append(operator.fastest.format(**values))
-        change = f" - {_code(product.factors)}" if product.is_change else ""
-        beside = product.outside if past else product.factors
-        now = [_code(beside)] * bool(beside or not past)
-        terms.append(" * ".join([f"p[{k}]", *now, *[f"({past}{change})"] * bool(past)]))
-    body = f"    torque = {' + '.join(terms)}\n    return {', '.join(['torque', *derivatives])}\n"
-    parameters = [
-        _TEXTS["coefficient"].format(
-            name=f"c{k + 1}",
-            unit=product.unit_of_coefficient(units),
-            low=-_BOUND / size,
-            high=_BOUND / size,
-            first=_FIRST / size,
-            second=-_FIRST / size,
-        )
-        for k, (product, size) in enumerate(zip(products, sizes, strict=True))
-    ]
-    column, imports = _series_code(next((product.logged for product in products if product.logged), ())), ""
-    for k, product in enumerate(products, start=1):
-        constants = product.units_of_constants(k)
-        for (constant, unit), start in zip(constants.items(), product.constants, strict=True):
-            low, high = start / _RANGE, start * _RANGE
-            parameters.append(_TEXTS["constant"].format(name=constant, unit=unit, start=start, low=low, high=high))
-        if product.of_series:
-            function = OPERATORS[product.operator].function.__name__
-            imports = f"from rovid.effects.actuator_dynamics import {function}\n"
-            (constant,) = constants
-            torque = "inputs.weighted_sum(thrust, inputs.arms)"
-            column = f'inputs.apply_per_trial({function}, {torque}, values["{constant}"])'
-    if _is_series(products):
-        terms = [f'values["c{k}"] * {_series_code(product.factors)}' for k, product in enumerate(products, start=1)]
-        column = " + ".join(terms)
-        # The series itself is zero without coefficients; an instant that does not come from it may have any value.
-        used = " or ".join(f"p[{k}] != 0.0" for k in range(len(products)))
-        body = f"    return at.surge if {used} else 0.0\n"
+    law = _Law.of(products)
+    column, imports = _series(products)
     signals = tuple(dict.fromkeys(signal for product in products for signal in product.signals))
     functions, options = "", ""
-    if derivatives:
-        functions += _TEXTS["fastest"].format(rates=", ".join(fastest))
-        options += f", states={len(derivatives)}, fastest=_fastest"
+    if law.states:
+        functions += _TEXTS["fastest"].format(rates=law.fastest)
+        options += f", states={law.states}, fastest=_fastest"
     if column:
         functions += _TEXTS["signal"].format(code=column)
         options += ", surge_from_thrust=_signal"
@@ -114,10 +69,10 @@ def effect_source(
         title=f"formula of {' and '.join(signals) or 'a constant'}",
         axis=axis,
         imports=imports,
-        states=", x" if derivatives else "",
-        body=body,
+        states=", x" if law.states else "",
+        body=law.body,
         functions=functions,
-        parameters="\n".join(parameters),
+        parameters="\n".join(_parameters(products, sizes, units)),
         equation=equation(products),
         signals=" or ".join(signals) or "the constant",
         needs=needed,
@@ -133,6 +88,73 @@ def effect_of(source: str) -> Effect:
     effect = names["EFFECT"]
     assert isinstance(effect, Effect)  # noqa: S101 - for mypy
     return effect
+
+
+class _Law(NamedTuple):
+    """The compiled term of a formula."""
+
+    body: str  #: Code.
+    states: int  #: Number of states.
+    fastest: str  #: Code of the fastest rates of change of the states, comma-separated.
+
+    @classmethod
+    def of(cls, products: Sequence[Product]) -> Self:
+        if _is_series(products):
+            # The series itself is zero without coefficients; an instant that does not come from it may have any value.
+            used = " or ".join(f"p[{k}] != 0.0" for k in range(len(products)))
+            return cls(f"    return at.surge if {used} else 0.0\n", 0, "")
+        places = {name: f"p[{k}]" for k, name in enumerate(names_of(products))}
+        terms, derivatives, fastest = [], list[str](), ["1e-9"]
+        for k, product in enumerate(products, start=1):
+            now, past, first = _code(product.factors), "at.surge", len(derivatives)
+            if product.states:
+                operator, constants = OPERATORS[product.operator], [*product.units_of_constants(k)]
+                past = f"x[{first}]"
+                inside = {f"c{n}": places[name] for n, name in enumerate(constants)}
+                inside |= {"u": now, "x0": past, "x1": f"x[{first + 1}]"}
+                derivatives += [code.format(**inside) for code in operator.derivatives]
+                values = {f"c{n}": f'values["{name}"]' for n, name in enumerate(constants)}
+                fastest.append(operator.fastest.format(**values))
+            if product.operator:
+                beside = [_code(product.outside)] * bool(product.outside)
+                now = " * ".join([*beside, f"({past} - {now})" if product.is_change else past])
+            terms.append(f"p[{k - 1}] * {now}")
+        body = f"    torque = {' + '.join(terms)}\n    return {', '.join(['torque', *derivatives])}\n"
+        return cls(body, len(derivatives), ", ".join(fastest))
+
+
+def _parameters(products: Sequence[Product], sizes: Sequence[float], units: Mapping[str, str]) -> list[str]:
+    """Code of the parameters, in the order of `names_of`."""
+    found = [
+        _TEXTS["coefficient"].format(
+            name=f"c{k}",
+            unit=product.unit_of_coefficient(units),
+            low=-_BOUND / size,
+            high=_BOUND / size,
+            first=_FIRST / size,
+            second=-_FIRST / size,
+        )
+        for k, (product, size) in enumerate(zip(products, sizes, strict=True), start=1)
+    ]
+    for k, product in enumerate(products, start=1):
+        for (name, unit), start in zip(product.units_of_constants(k).items(), product.constants, strict=True):
+            low, high = start / _RANGE, start * _RANGE
+            found.append(_TEXTS["constant"].format(name=name, unit=unit, start=start, low=low, high=high))
+    return found
+
+
+def _series(products: Sequence[Product]) -> tuple[str, str]:
+    """Code of the one series that takes the place of the speed ahead, and the import that it needs; "" for none."""
+    if _is_series(products):
+        terms = [f'values["c{k}"] * {_series_code(product.factors)}' for k, product in enumerate(products, start=1)]
+        return " + ".join(terms), ""
+    for k, product in enumerate(products, start=1):
+        if product.of_series:
+            function, (constant,) = OPERATORS[product.operator].function.__name__, product.units_of_constants(k)
+            torque = "inputs.weighted_sum(thrust, inputs.arms)"
+            column = f'inputs.apply_per_trial({function}, {torque}, values["{constant}"])'
+            return column, f"from rovid.effects.actuator_dynamics import {function}\n"
+    return _series_code(next((product.logged for product in products if product.logged), ())), ""
 
 
 def _series_code(factors: Sequence[Factor]) -> str:
