@@ -90,7 +90,7 @@ def diagnose_planar(
     model = _selected(search)
     likelier: list[Finding] = []
     simulating = better_simulating(model, data)
-    if simulating.is_multi_step and not model.is_multi_step:
+    if simulating.is_multi_step:
         # The likelihood does not hold for any model of the search: free-running simulations decide.
         report("Fitting free-running simulations …")
         first = Gate(search, parts)
@@ -99,6 +99,10 @@ def diagnose_planar(
         parts = Parts(data, base)
         search = _search(data, base, own)
         model = _agreeing(search, _selected(search), {one.effect.id for one in likelier})
+    elif simulating is not model:
+        # The disturbance is larger than usual, and real: all models of the search are compared under its wider limit.
+        search = _search(data, base.loosened(), own)
+        model = _selected(search)
     report("Validating on held-out parts …")
     gate = Gate(search, parts)
     model, tested, rejected = _validated(search, gate, model)
@@ -200,7 +204,7 @@ def _rejection(fitted: PlanarOptimum, tested: Finding, growths: Mapping[str, flo
     """Why a cause is never claimed; empty where it passes."""
     if tested.held_out_gain <= THRESHOLDS.min_held_out_gain:
         return f"fits these logs but predicts held-out parts worse (log-likelihood {tested.held_out_gain:.1f})"
-    if _is_at_bound(fitted, tested.effect):
+    if fitted.is_at_bound(tested.effect):
         return "would be larger than is physically plausible"
     if tested.standard_errors < THRESHOLDS.min_standard_errors:
         return f"differs from nothing by only {tested.standard_errors:.1f} standard errors"
@@ -210,16 +214,6 @@ def _rejection(fitted: PlanarOptimum, tested: Finding, growths: Mapping[str, flo
     if tested.probability < THRESHOLDS.likely:
         return "is possible, but not established"
     return ""
-
-
-def _is_at_bound(fitted: PlanarOptimum, effect: Effect) -> bool:
-    """Whether a parameter of ``effect`` is at a bound that is not its neutral value."""
-    for value, parameter in zip(fitted.x[fitted.place(effect)].tolist(), effect.parameters, strict=True):
-        span = 1e-3 * (parameter.high - parameter.low)
-        for bound in (parameter.low, parameter.high):
-            if abs(value - bound) <= min(span, 1e-3 * max(abs(bound), 1e-3)) and bound != parameter.neutral:
-                return True
-    return False
 
 
 # --- Result -----------------------------------------------------------------------------------------------------------
@@ -380,7 +374,7 @@ def _further(search: PlanarSearch, gate: Gate, model: PlanarOptimum, known: Coll
         if probability < THRESHOLDS.possible or one.standard_errors < THRESHOLDS.min_standard_errors_suspect:
             continue
         is_worse = max(growths.values()) > THRESHOLDS.held_out_growth
-        if one.held_out_gain <= THRESHOLDS.min_held_out_gain or is_worse or _is_at_bound(fitted, effect):
+        if one.held_out_gain <= THRESHOLDS.min_held_out_gain or is_worse or fitted.is_at_bound(effect):
             continue
         estimate = planar_result(search.data, fitted).estimate.only(effect.parameter_names)
         found.append(replace(one, estimate=estimate, probability=probability))

@@ -11,7 +11,7 @@ from rovid.core.formatting import significant
 from rovid.effects import Effect
 from rovid.effects.base import SensorPlace, WaterCurrent
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
+from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData, has_hidden_sway, is_pushed, is_yaw_alone, measured_axes, require_measured
 from rovid.planar.effect_fits import (
@@ -355,9 +355,11 @@ def _warnings(
     if SHIP in {effect.key for effect in best.effects}:
         yield SHIP_WARNING
     looser = f" The standard errors include the change of the parameters under a limit {LOOSER:g} times as high."
+    own = slice(best.coordinates.noise_begin, best.coordinates.noise_begin + len(AXIS_NAMES))
+    limits = dict(zip(AXIS_NAMES, np.exp(best.coordinates.high[own]) / best.coordinates.sizes.force, strict=True))
     for name in limited:
         yield (
-            f"The disturbance in {name} would exceed its limit of {100 * DISTURBANCE_LIMITS[0]:.2g} % of the forces in "
+            f"The disturbance in {name} would exceed its limit of {100 * limits[name]:.3g} % of the forces in "
             f"use: the model misses an effect that these data show.{'' if best.is_multi_step else looser}"
         )
     if best.is_multi_step:

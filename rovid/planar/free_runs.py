@@ -366,11 +366,17 @@ def misses_much(best: PlanarOptimum, data: dataset.PlanarData, *, whitened: bool
 def better_simulating(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptimum:
     """``best``, or the fit of free-running simulations where the model misses much and that fit simulates better.
 
-    What a user means by a wrong model is the free-running simulation.
+    What a user means by a wrong model is the free-running simulation. A model with effects misses nothing if a larger
+    disturbance makes its innovations white, as rough water does: it is then fitted with that. A current that wanders
+    whitens the innovations whatever the model misses.
     """
     # With measurements of yaw alone the results are those of one axis.
     if best.likelihood.grid.yaw_only or best.is_multi_step or not misses_much(best, data):
         return best
+    if best.effects and not any(getattr(one.acts, "wanders", False) for one in best.effects):
+        loose = best.loosened()
+        if loose.is_white and not loose.limited.any():
+            return loose
     other = fit_free_runs(best, data).canonical()
     before, after = (mean_free_run_r2(one.model, data, yaw_only=False) for one in (best, other))
     if after - before <= MAX_R2_LOSS:

@@ -30,6 +30,7 @@ from rovid.estimate.fisher_information import (
     sandwich_covariance,
 )
 from rovid.estimate.levenberg_marquardt import bounded_step, updated_damping, with_bfgs_updates
+from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, REAL_DISTURBANCE_LIMIT
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import SENSORS, PlanarModel
@@ -131,6 +132,13 @@ class PlanarOptimum:
         own = slice(first, first + 3)
         return np.asarray((self.x[own] > self.coordinates.high[own] - 1e-3) & self.coordinates.free[own])
 
+    def loosened(self) -> Self:
+        """The fit under the limit of a disturbance that makes a model with effects adequate."""
+        coordinates, more = self.coordinates, math.log(REAL_DISTURBANCE_LIMIT / DISTURBANCE_LIMITS[0])
+        axes = [at for at in range(coordinates.noise_begin, coordinates.noise_begin + 3) if coordinates.free[at]]
+        loose = coordinates.bounded({at: (coordinates.low[at], coordinates.high[at] + more) for at in axes})
+        return type(self).fit(self.likelihood.with_coordinates(loose), self.x)
+
     def blocks(self) -> IntArray:
         """(N,) number of the block of each innovation: eight time constants or longer, less in short runs."""
         grid, (run, time, _) = self.likelihood.grid, self.likelihood.rows
@@ -199,6 +207,15 @@ class PlanarOptimum:
         before = itertools.takewhile(lambda one: one.key != effect.key, self.effects)
         begin = self.coordinates.effects_begin + sum(len(one.parameters) for one in before)
         return slice(begin, begin + len(effect.parameters))
+
+    def is_at_bound(self, effect: Effect) -> bool:
+        """Whether a parameter of ``effect`` is at a bound that is not its neutral value."""
+        for value, parameter in zip(self.x[self.place(effect)].tolist(), effect.parameters, strict=True):
+            span = 1e-3 * (parameter.high - parameter.low)
+            for bound in (parameter.low, parameter.high):
+                if abs(value - bound) <= min(span, 1e-3 * max(abs(bound), 1e-3)) and bound != parameter.neutral:
+                    return True
+        return False
 
     def with_effect(self, effect: Effect, further: Sequence[FloatArray] = (), iterations: int = _ITERATIONS) -> Self:
         """The best fit with one more effect, from each of its initial values and from ``further`` coordinates."""

@@ -22,7 +22,14 @@ from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import _with_stall
 from rovid.planar.fit import PlanarFit, _shown_latency, fit_base, fit_planar, most_latencies, planar_result, refined
-from rovid.planar.free_runs import FreeRuns, correlation_time, fit_free_runs, free_run_r2, simulate_planar
+from rovid.planar.free_runs import (
+    FreeRuns,
+    better_simulating,
+    correlation_time,
+    fit_free_runs,
+    free_run_r2,
+    simulate_planar,
+)
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
 from rovid.planar.optimum import PlanarOptimum
@@ -302,3 +309,23 @@ def test_results_of_guessed_arms_are_placeholders(small: tuple[PlanarData, Plana
     guessed = replace(data, vehicle=replace(data.vehicle, thrusters=thrusters))
     assert planar_result(guessed, base).estimate.is_placeholder("yaw.inertia")
     assert not planar_result(data, base).estimate.is_placeholder("yaw.inertia")
+
+
+def test_rough_water_is_no_error_of_a_model_with_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Free-running simulations do not follow a large disturbance: they lost the cause, and gave wrong parameters."""
+    data = campaign(box_rov(3, disturbance=(0.72, 0.72, 0.144), memory=2.0), runs=2, levels=6, hold=4.0, seed=7)
+    plain = fit_base(data)
+    extended = plain.with_effect(effect_named("bias_torque:planar"))
+    assert extended.limited.all()
+    # A campaign of this length hardly shows how poor the simulations are.
+    monkeypatch.setattr(free_runs, "misses_much", lambda *_: True)
+    monkeypatch.setattr(free_runs, "fit_free_runs", lambda best, _: best)
+    rough = better_simulating(extended, data)
+    assert rough.is_white
+    assert not rough.limited.any()
+    assert rough.value < extended.value
+    # Without effects a larger disturbance may hide what the model misses; a current that wanders hides it as well.
+    assert better_simulating(plain, data) is plain
+    wandering = replace(extended, likelihood=replace(extended.likelihood, coordinates=replace(
+        extended.coordinates, effects=(effect_named("current:wandering"),))))  # fmt: skip
+    assert better_simulating(wandering, data) is wandering
