@@ -12,7 +12,7 @@ from rich.console import Console
 
 from rovid.api import results as to
 from rovid.compare.comparison import Comparison
-from rovid.core.errors import DataError
+from rovid.core.errors import ConfigError, DataError, shortened_list
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, command_csv
@@ -121,6 +121,7 @@ def simulation_record(
         model = stored.model()
         study.require_effects(model.effects)
         runs = single_runs = simulate_runs(logs.runs.items, model, logs.vehicle)
+        _require_finite(single_runs, stored, study)
         document = results.simulation_document(stored, single_runs, warnings, guess) | {"recordings": []}
 
     def show(console: Console) -> None:
@@ -156,6 +157,15 @@ def simulation_record(
         simulations=runs,
         r2={key.removesuffix("_r2"): value for key, value in document["overall"].items() if key.endswith("_r2")},
     )
+
+
+def _require_finite(runs: Sequence[TrialSimulation], stored: Parameters, study: Study) -> None:
+    """Raises ConfigError, with the unusual values, if a simulation with the parameters ``stored`` has no numbers."""
+    failed = [one.run.trial.name for one in runs if not np.isfinite(one.position).all()]
+    if failed:
+        unusual = " ".join(study.unusual_values(stored)) or "No single value is unusual for these logs."
+        text = f"gives no finite simulation of {shortened_list(failed)}. {unusual}"
+        raise ConfigError(text, where=stored.path, mend="Look for a wrong digit, or fit again: `rovid fit`.")
 
 
 def diagnosis_record(found: Diagnosis | PlanarDiagnosis, study: Study | PlanarStudy) -> to.DiagnosisRecord:

@@ -228,7 +228,7 @@ def require_fresh(stored: Parameters, study: Study | None) -> list[str]:
     if freshness.changes:
         mend = "Fit again: `rovid report`, `rovid diagnose` or `rovid fit`."
         raise ConfigError(f"is out of date: {freshness.reason}.", where=stored.path, mend=mend)
-    return list(freshness.remarks)
+    return [*freshness.remarks, *(study.unusual_values(stored) if study else ())]
 
 
 def model_assumptions(stored: Parameters, study: Study | None) -> Assumptions:

@@ -30,8 +30,8 @@ _MIN_GAIN = 1e-30
 PHASE_MARGIN, SENSITIVITY_PEAK = 45.0, 1.6
 # rad/s, bandwidths to try.
 BANDWIDTHS = np.geomspace(0.01, 20.0, 120)
-# Lower bound of a drawn inertia relative to the estimate.
-_MIN_INERTIA = 0.2
+# Lower bound of a drawn inertia, or of a positive time or rate, relative to the estimate.
+_LEAST_SHARE = 0.2
 
 
 def pd_gains(inertia: float, damping: float, bandwidth: float) -> tuple[float, float]:
@@ -269,7 +269,7 @@ def sample_models(parameters: Parameters, count: int, seed: int) -> list[Model]:
     values, vectors = np.linalg.eigh(np.nan_to_num(matrix / np.outer(scale, scale)))
     root = vectors * np.sqrt(np.maximum(values, 0.0)) * scale[:, None]
     normal = np.random.default_rng(seed).standard_normal((count, len(names)))
-    bounds = np.array([_bounds(parameters.model(), name) for name in names])
+    bounds = np.array([_bounds(parameters.model(), *pair) for pair in zip(names, centre.tolist(), strict=True)])
     models = []
     for row in np.clip(centre + normal @ root.T, *bounds.T).tolist():
         entries = {}
@@ -279,15 +279,16 @@ def sample_models(parameters: Parameters, count: int, seed: int) -> list[Model]:
     return models
 
 
-def _bounds(model: Model, name: str) -> tuple[float, float]:
-    """Bounds of a parameter; one in units of the search is only bounded by its sign."""
+def _bounds(model: Model, name: str, value: float) -> tuple[float, float]:
+    """Bounds of a parameter with this ``value``; one in units of the search is only bounded by its sign."""
     key, _, parameter = name.rpartition(".")
     if name == "inertia":
-        return _MIN_INERTIA * model.inertia, math.inf
+        return _LEAST_SHARE * value, math.inf
     if not key:
         return 0.0, math.inf
     effect = next(effect for effect in model.effects if effect.key == key)
     own = next(p for p in effect.parameters if p.name == parameter)
     if own.scale == "one":
         return own.low, own.high
-    return (0.0 if own.low >= 0.0 else -math.inf), math.inf
+    low, high = own.bounds()
+    return (_LEAST_SHARE * value if low > 0.0 else low), high

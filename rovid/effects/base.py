@@ -11,6 +11,8 @@ The first three are functions of the logged commands alone, those of all trials 
 for a set of parameters. Terms are compiled, and evaluated in each step of the integration.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
@@ -44,6 +46,8 @@ REFERENCE_RATE = 0.3
 _SMOOTH_STEP = 1e-3
 # A neutral value beyond this stands for infinity.
 _INFINITE = 1e5
+# Factor beyond its bounds, at the scales of some logs, from which a value is unusual. A decision.
+_MARGIN = 10.0
 
 
 class Body(NamedTuple):
@@ -231,6 +235,19 @@ class EffectParameter:
     def piecewise_constant(self) -> bool:
         """Whether the likelihood has steps along this parameter."""
         return self.step > _SMOOTH_STEP
+
+    def bounds(self, scales: Scales | None = None) -> tuple[float, float]:
+        """Bounds in ``unit`` of the usual values at these ``scales``; without them those of the possible values.
+
+        Usual values have a margin: the logs of the fit may have had other scales. Possible are twice the range of a
+        parameter without a scale, and all values of its sign of another one.
+        """
+        if scales is None:
+            span = self.high - self.low if self.scale == "one" else math.inf
+            least = -math.inf if self.low < 0.0 else math.ulp(0.0) if self.low > 0.0 else 0.0
+            return max(self.low - span, least), self.high + span
+        size, margin = (1.0, 1.0 + 1e-6) if self.scale == "one" else (scales.unit_size(self), _MARGIN)
+        return size * self.low * (margin if self.low < 0.0 else 1.0 / margin), size * self.high * margin
 
     @property
     def neutral_at_infinity(self) -> bool:

@@ -250,11 +250,7 @@ class FitData(ABC):
     @cached_property
     def rms_torque(self) -> float:
         """RMS of the torque in use, N m; of the restoring torque where there are no actuators."""
-        if self.has_actuators:
-            return rms_nonzero(np.concatenate([run.torque for run in self.runs]))
-        tilt = np.concatenate([run.trial.position[run.trial.measured] for run in self.runs])
-        model = self.initial_model
-        return rms_nonzero(np.asarray(model.stiffness * np.sin(tilt - model.restoring_values[1])))
+        return _rms_torque(self.runs, self.initial_model)
 
     @cached_property
     def drag_scale(self) -> FloatArray:
@@ -265,8 +261,7 @@ class FitData(ABC):
     @cached_property
     def scales(self) -> Scales:
         """Scales of the effects' parameters."""
-        trials = [run.trial for run in self.runs]
-        return effect_scales(trials, self.vehicle, self.rms_torque, self.rms_rate, self.usual_time)
+        return usual_scales(self.runs, self.vehicle, self.initial_model)
 
     @cached_property
     def usual_time(self) -> float:
@@ -274,9 +269,7 @@ class FitData(ABC):
 
         The unit of all times of a fit, such as bounds and initial values.
         """
-        shortest = min(run.trial.sampling_interval for run in self.runs)
-        longest = max(run.trial.duration for run in self.runs)
-        return min(max(time_constant(self.initial_model, self.rms_rate), shortest), longest)
+        return _usual_time(self.runs, self.initial_model)
 
     @cached_property
     def position_scale(self) -> float:
@@ -332,6 +325,18 @@ def rms_nonzero(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(nonzero**2))) if nonzero.size else 1.0
 
 
+def _rms_torque(runs: Sequence[Run], model: Model) -> float:
+    if runs[0].trial.has_actuators:
+        return rms_nonzero(np.concatenate([run.torque for run in runs]))
+    tilt = np.concatenate([run.trial.position[run.trial.measured] for run in runs])
+    return rms_nonzero(np.asarray(model.stiffness * np.sin(tilt - model.restoring_values[1])))
+
+
+def _usual_time(runs: Sequence[Run], model: Model) -> float:
+    shortest, longest = min(run.trial.sampling_interval for run in runs), max(run.trial.duration for run in runs)
+    return min(max(time_constant(model, rms_rate(runs)), shortest), longest)
+
+
 def time_constant(model: Model, rate: float) -> float:
     """Time constant in s of the decay of a motion at ``rate``, or a third of the natural period where that is less."""
     slope = 2.0 * model.quadratic_drag * rate + model.linear_drag
@@ -339,6 +344,12 @@ def time_constant(model: Model, rate: float) -> float:
     if model.natural_frequency > 0.0:
         return min(constant, 2.0 / model.natural_frequency)
     return constant
+
+
+def usual_scales(runs: Sequence[Run], vehicle: Vehicle | None, model: Model) -> Scales:
+    """Scales of the effects' parameters for ``runs`` with the plain ``model``."""
+    trials = [run.trial for run in runs]
+    return effect_scales(trials, vehicle, _rms_torque(runs, model), rms_rate(runs), _usual_time(runs, model))
 
 
 def effect_scales(

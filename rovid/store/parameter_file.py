@@ -1,8 +1,9 @@
 """The parameter file: values, units, standard errors, covariance, and the logs they came from."""
 
 import hashlib
+import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
@@ -19,6 +20,7 @@ from rovid.core.formatting import encodable
 from rovid.core.input_files import file_parts
 from rovid.core.output_files import PARAMETERS, OutputFile, OutputSet
 from rovid.effects import Effect, effect_named
+from rovid.effects.base import Scales
 from rovid.effects.plugins import Origin, origin, require_origins
 from rovid.estimate.estimate import PER_INERTIA, Estimate
 from rovid.model.model import Model
@@ -233,9 +235,35 @@ class Parameters:
         return effect_ids([*self.entries, *self.assumed])
 
     def effect_forms(self) -> tuple[Effect, ...]:
-        """Effects in the file. Raises ConfigError if one is unknown, or its plug-in missing or in another version."""
+        """Effects in the file.
+
+        Raises ConfigError if one is unknown, its plug-in missing or in another version, or a value beyond its bounds.
+        """
         require_origins(self._plugins_in_use(), self.path)
-        return tuple(map(effect_named, self.effects))
+        return self.with_possible_values(map(effect_named, self.effects))
+
+    def with_possible_values(self, effects: Iterable[Effect]) -> tuple[Effect, ...]:
+        """The ``effects`` in the file. Raises ConfigError if a value of one is not possible."""
+        checked = tuple(effects)
+        for effect, text in self.values_beyond_bounds(checked):
+            mend = f"Look for a wrong digit, or fit again: `rovid fit --effect {effect}`."
+            raise ConfigError(f"{text} was expected.", where=self.path, mend=mend)
+        return checked
+
+    def values_beyond_bounds(
+        self, effects: Iterable[Effect], scales: Scales | None = None
+    ) -> Iterator[tuple[str, str]]:
+        """Effect, and value with its bounds, of each parameter beyond its `EffectParameter.bounds`."""
+        values = {name: entry.value for name, entry in self.entries.items()} | dict(self.assumed)
+        for effect in effects:
+            for name, parameter in zip(effect.parameter_names, effect.parameters, strict=True):
+                low, high = parameter.bounds(scales)
+                if name not in values or low <= values[name] <= high:
+                    continue
+                least = "zero or more" if low == 0.0 else "a positive number"
+                wanted = least if math.isinf(high) else f"{low:.4g} to {high:.4g}"
+                found = f"{values[name]:.6g} {parameter.unit}".removesuffix(" 1")
+                yield effect.key, f"{name} is {found}; {wanted}"
 
     def _plugins_in_use(self) -> dict[str, Origin]:
         ids = {key.partition(":")[0] for key in self.effects}

@@ -274,7 +274,7 @@ class PlanarStudy:
 def planar_model(stored: Parameters, rudders: Sequence[RudderModel] = ()) -> PlanarModel:
     """The model of a file, with ``rudders`` at their places. Raises ConfigError if a parameter is missing."""
     values = {name: entry.value for name, entry in stored.entries.items()} | dict(stored.assumed)
-    effects = tuple(map(planar_effect, stored.effects))
+    effects = stored.with_possible_values(map(planar_effect, stored.effects))
     bound = tuple(BoundEffect(effect, np.zeros(len(effect.parameters))) for effect in effects)
     empty = PlanarModel(base=np.ones(BASE_COUNT), effects=bound, rudders=tuple(_stored(one, values) for one in rudders))
     for name in empty.names:

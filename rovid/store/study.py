@@ -18,6 +18,7 @@ from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
 from rovid.effects import Effect, forms_for, in_angles
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.candidate_runs import RunLimits
+from rovid.estimate.dataset import usual_scales
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import (
     ExperimentPlan,
@@ -39,7 +40,7 @@ from rovid.readers import read_campaign
 from rovid.readers.campaign import TrialReader, candidate_files
 from rovid.store.parameter_file import Parameters, Provenance, Source, absolute_paths, read_source, trial_source
 from rovid.trial.assumptions import ConfigFingerprint
-from rovid.trial.axis import YAW, Axis
+from rovid.trial.axis import PLANAR, YAW, Axis
 from rovid.trial.config import Config, find_config, load_config, vehicle_without_thrusters
 from rovid.trial.fault import Fault, FaultOverrides, fault_texts, stopping
 from rovid.trial.preprocessing import PreparedRuns, prepare, shared_channels
@@ -146,12 +147,22 @@ class Study:
 
     def require_stored_effects(self, stored: Parameters) -> None:
         """Refuse the file of another vehicle. Raises ConfigError if one of its effects does not suit these logs."""
+        effects = stored.effect_forms()
         try:
-            self.require_effects(stored.effect_forms())
+            self.require_effects(effects)
         except ConfigError as error:
             text = f"holds an effect that does not suit these logs: {error}"
             mend = "If the file is that of another vehicle, give -p with the file of this one, or with a new name."
             raise ConfigError(text, where=stored.path, mend=mend) from error
+
+    def unusual_values(self, stored: Parameters) -> list[str]:
+        """A sentence for each value of the model ``stored`` that is far beyond its bounds for these logs."""
+        if self.runs is None or stored.axis is PLANAR or not stored.effects:
+            return []
+        model = stored.model()
+        scales = usual_scales(self.runs.items, self.vehicle, model)
+        beyond = stored.values_beyond_bounds(model.effects, scales)
+        return [f"{text} is usual for these logs." for _, text in beyond]
 
     def likelihood(self, effects: tuple[Effect, ...] = (), *, gyro: bool = False) -> LikelihoodFit:
         """Fit of all parameters and of ``effects`` by maximum likelihood; see `fit_likelihood`.

@@ -120,6 +120,18 @@ def test_sampled_models_follow_the_covariance() -> None:
     assert abs(np.corrcoef(rows.T)[0, 1]) < 0.07
 
 
+def test_a_sampled_time_constant_stays_positive() -> None:
+    """At zero the motion of the water has no rate of change."""
+    values = {"inertia": 5057.0, "quadratic_drag": 3532.0, "linear_drag": 132.0}
+    values |= {"entrained_swirl.coupling": 0.3, "entrained_swirl.time_constant": 20.0}
+    entries = {name: Entry(value=value, standard_error=0.0, unit="", method="") for name, value in values.items()}
+    covariance = {("entrained_swirl.time_constant", "entrained_swirl.time_constant"): 1e8}
+    models = sample_models(Parameters(path=Path("p"), entries=entries, covariance=covariance), 20, seed=3)
+    times = [model.effect_values[1] for model in models]
+    assert min(times) == pytest.approx(4.0)
+    assert max(times) > 1e3
+
+
 @pytest.mark.parametrize(("kp", "kd", "period", "rate_filter"), [(100.0, 710.0, 0.1, 0.3), (900.0, 2500.0, 0.5, 0.2)])
 def test_margins_equal_those_of_python_control(kp: float, kd: float, period: float, rate_filter: float) -> None:
     controller = law(kp, kd, period=period, rate_filter=rate_filter)
