@@ -96,13 +96,16 @@ def suggestion(wanted: str, present: Iterable[str], also: Mapping[str, str] = Ma
     return f"There are: {quoted_list(names[:_OFFERED])}{more}."
 
 
-def close_matches(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> list[str]:
+def close_matches(
+    wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({}), cutoff: float = 0.5
+) -> list[str]:
     """Up to three of the names ``present`` that the user may mean by ``wanted``.
 
     These are names that contain ``wanted`` as a word (`lag` of `thruster_lag`), names with a synonym like it, names
     that it abbreviates (`hdg` for `heading`), and names with a similar spelling.
 
     ``also``: Synonym -> name.
+    ``cutoff``: Least similarity of the spelling, 1 for the same.
     """
     # Only the beginnings are compared: the cost must not depend on the longest name of a file.
     names = {str(name)[:NAME_LENGTH].lower(): str(name) for name in islice(present, _SEARCHED)}
@@ -117,7 +120,7 @@ def close_matches(wanted: str, present: Iterable[str], also: Mapping[str, str] =
     ]
     # A unit that two names share does not make them alike.
     bare = {_UNIT.sub("", name): name for name in reversed(names)}
-    similar = [bare[name] for name in difflib.get_close_matches(whole, bare, n=3, cutoff=0.5)]
+    similar = [bare[name] for name in difflib.get_close_matches(whole, bare, n=3, cutoff=cutoff)]
     mistyped = difflib.get_close_matches(asked, names, n=1, cutoff=0.9)  # A letter too many is no abbreviation.
     found = (*with_word, *synonyms, *mistyped, *abbreviated, *similar)
     return [names[name] for name in dict.fromkeys(name for name in found if name in names)][:3]

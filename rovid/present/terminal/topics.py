@@ -12,11 +12,10 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.markdown import Markdown, Paragraph, TableElement
 
 import rovid
-from rovid.core.errors import ConfigError, suggestion
+from rovid.core.errors import ConfigError, close_matches, quoted_list, suggestion
 from rovid.export import ALIASES as FORMAT_WORDS
 from rovid.export import FORMATS
 from rovid.present.console import ResultTable, print_labelled, print_text, text_column, wrap_text
-from rovid.present.number_format import as_sentence
 
 # Pages in the order of the list; the effects and the faults of logs follow.
 TOPICS = (
@@ -69,16 +68,21 @@ def topic_text(topic: str) -> str:
     """A page as Markdown without pictures and links. Raises ConfigError, with the nearest topics, if there is none."""
     there = topic_names()
     if topic not in there:
-        # The catalogue is slow to import, and needed only for a name that was not found.
-        from rovid.effects import SYNONYMS
-
-        nearest = suggestion(topic, there, _ALSO | dict(SYNONYMS))
+        nearest = suggestion(topic, there, _synonyms())
         raise ConfigError(f"there is no page {topic!r}. {nearest}", mend="`rovid help` lists them all.")
     page = _TAG.sub("", _COMMENT.sub("", _path(topic).read_text(encoding="utf-8")))
     page = _LINK.sub(lambda link: _reference(link, topic), _PICTURE.sub("", page))
     if "sample_logs/" in page:
         page += "\nThe sample logs come with rovid's sources.\n"
     return page
+
+
+def _synonyms() -> dict[str, str]:
+    """Search word -> topic."""
+    # The catalogue is slow to import, and needed only for a name that was not found.
+    from rovid.effects import SYNONYMS
+
+    return _ALSO | dict(SYNONYMS)
 
 
 def _folder() -> Path:
@@ -162,6 +166,8 @@ _COMMON = """a about an and are be can do does for from has have how i in is it 
     on or must should the there to too use what when where which who why will with would you"""
 # Most passages shown, and the least share of the words, by their rarity, that a passage holds. Decisions.
 _MOST, _LEAST_SHARE = 4, 0.5
+# Least similarity of a page's name to a word that passages hold. A decision.
+_SIMILAR = 0.8
 # A paragraph, a row of a table, or an item of a list.
 _END_OF_BLOCK = re.compile(r"\n\s*\n|\n(?=\||\* |\d+\. )")
 _HEADING = re.compile(r"^(#.*\n)", re.MULTILINE)
@@ -177,16 +183,21 @@ class Passage(NamedTuple):
 
 
 def find_passages(words: str) -> list[Passage]:
-    """The passages that hold most of the ``words``. Rare words count more, words of a heading half as much again."""
+    """The passages that hold most of the ``words``.
+
+    Rare words count more, words of a heading half as much again. A passage on an option of this name comes first.
+    """
     passages = list(_passages())
     heads = [_stems(f"{name} {one.heading}") for name, one in passages]
     texts = [head | _stems(one.text) for head, (_, one) in zip(heads, passages, strict=True)]
     counts = Counter(chain.from_iterable(texts))
     weights = {word: math.log(len(texts) / max(counts[word], 1)) for word in _stems(words) - _stems(_COMMON)}
+    total, option = sum(weights.values()), re.compile(rf"--{re.escape('-'.join(words.lower().split()))}(?![\w-])")
     scores = []
-    for head, text in zip(heads, texts, strict=True):
+    for head, text, (_, one) in zip(heads, texts, passages, strict=True):
         held, stressed = (sum(weights[word] for word in weights.keys() & part) for part in (text, head))
-        scores.append(held + 0.5 * stressed if held >= _LEAST_SHARE * sum(weights.values()) else 0.0)
+        named = total * bool(option.search(one.text))
+        scores.append(held + 0.5 * stressed + named if held >= _LEAST_SHARE * total else 0.0)
     best = sorted(range(len(scores)), key=lambda place: -scores[place])[:_MOST]
     return [passages[place][1] for place in best if scores[place] > 0.0]
 
@@ -196,8 +207,8 @@ def show_page_or_passages(console: Console, topic: str) -> None:
     try:
         show_markdown(console, topic_text(topic))
         return
-    except ConfigError as error:
-        passages, nearest = find_passages(topic), as_sentence(str(error))
+    except ConfigError:
+        passages = find_passages(topic)
         if not passages:
             raise
     for one in passages:
@@ -205,8 +216,9 @@ def show_page_or_passages(console: Console, topic: str) -> None:
         show_markdown(console, one.text)
         console.print()
     # Several words are a question; one word may be a page's name with an error.
-    pages = nearest.partition(". ")[2].replace("Nearest:", "Pages with similar names:")
-    print_text(console, "`rovid help` lists the pages." if " " in topic else pages)
+    similar = [] if " " in topic else close_matches(topic, topic_names(), _synonyms(), _SIMILAR)
+    pages = f"Pages with similar names: {quoted_list(similar)}. " if similar else ""
+    print_text(console, f"{pages}`rovid help` lists them all." if similar else "`rovid help` lists the pages.")
 
 
 def _passages() -> Iterator[tuple[str, Passage]]:
@@ -216,10 +228,10 @@ def _passages() -> Iterator[tuple[str, Passage]]:
         for block in _END_OF_BLOCK.split(_HEADING.sub(r"\1\n", _CODE.sub("", topic_text(topic)))):
             if block.startswith("#"):
                 heading = block.strip("# ")
-            elif block.startswith("|"):
+            elif block.startswith("|") and re.search(r"\w", block):
                 cells = [cell.strip() for cell in block.strip("| ").split("|")]
                 yield name, Passage(topic, heading, ": ".join(filter(None, cells)))
-            elif block.strip():
+            elif re.search(r"\w", block):
                 yield name, Passage(topic, heading, block.removeprefix("* "))
 
 

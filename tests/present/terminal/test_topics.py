@@ -64,6 +64,10 @@ def test_what_is_called_otherwise_is_found(asked: str, nearest: str) -> None:
         ("ROS 1 bag", "ROS bags: `.bag` and `.db3`"),
         ("dataflash", "Logs: formats, conversion, recordings of simulations"),
         ("buoyancy gazebo", "In your own Gazebo world"),
+        # Of the options first.
+        ("overrule", "Further questions"),
+        ("cutoff", "Rates"),
+        ("bandwidth", "Control law"),
         # No passage holds all of these words.
         ("length of a hold", "How long should a hold be?"),
         ("why is my inertia too high", "Why is the inertia or the drag too high, or too low?"),
@@ -76,6 +80,7 @@ def test_what_is_called_otherwise_is_found(asked: str, nearest: str) -> None:
 def test_words_of_a_question_find_the_passage(words: str, heading: str, rovid: Rovid) -> None:
     first = topics.find_passages(words)[0]
     assert first.heading == heading
+    assert all(re.search(r"\w", one.text) for one in topics.find_passages(words))
     done = rovid("help", *words.split())
     assert done.code == 0
     assert f"rovid help {first.topic}: {heading}" in " ".join(done.out.split())
@@ -94,3 +99,13 @@ def test_a_wheel_brings_the_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(topics, "_PACKAGE", installed)
     assert topics.topic_text("logs") == here
     assert "Thruster lag" in rovid("help", "thruster_lag").out
+
+
+@pytest.mark.parametrize(("word", "pages"), [("overrule", []), ("sentinel", ["sentinel_command"]), ("gyro", [])])
+def test_pages_of_similar_names_are_offered_only_where_they_are_similar(
+    word: str, pages: list[str], rovid: Rovid
+) -> None:
+    text = " ".join(rovid("help", word).out.split())
+    named = "".join(f"Pages with similar names: {', '.join(map(repr, pages))}. " for _ in pages[:1])
+    assert text.endswith(f"{named}`rovid help` lists them all." if pages else "`rovid help` lists the pages.")
+    assert ("similar" in text) is bool(pages)
