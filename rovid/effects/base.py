@@ -255,6 +255,7 @@ class EffectParameter:
         return abs(self.neutral) > _INFINITE
 
 
+HOUR = 3600.0  # s, the unit of instants
 # Begin of an effect that lasts to the end of the campaign, in h from the begin of the first log. Its initial values are
 # shares of the time in all logs together. At 0 the effect acts in all logs.
 INSTANT = EffectParameter(

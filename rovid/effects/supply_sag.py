@@ -8,10 +8,9 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects import further_terms
 from rovid.effects.actuator_dynamics import lagged
-from rovid.effects.base import INSTANT, ActuatorInputs, Effect, EffectParameter, OnThrust, Values
+from rovid.effects.base import HOUR, INSTANT, ActuatorInputs, Effect, EffectParameter, OnThrust, Values
 
 _CHANNEL = "supply_voltage"
-_HOUR = 3600.0
 # Ratios of a voltage to the reference are clipped to these: others are faults of the log.
 _RATIOS = (0.3, 3.0)
 # Bounds of the loss of thrust, as a share: at the largest load, or of the gain over time. A supply would trip before a
@@ -39,17 +38,17 @@ def _with_others(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> 
 
 
 def _from_instant(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    share = inputs.share_after(_HOUR * values[INSTANT.name])
+    share = inputs.share_after(HOUR * values[INSTANT.name])
     return np.asarray(thrust * (1.0 - (1.0 - values["gain"]) * share)[:, None])
 
 
 def _with_time(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    drop = values["drift"] * inputs.log_time / _HOUR
+    drop = values["drift"] * inputs.log_time / HOUR
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
 def _with_day(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    drop = values["drift"] * inputs.campaign_time / _HOUR
+    drop = values["drift"] * inputs.campaign_time / HOUR
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.base import INSTANT, UNTIL, ActuatorInputs, Effect, EffectParameter, OnThrust, Values
+from rovid.effects.base import HOUR, INSTANT, UNTIL, ActuatorInputs, Effect, EffectParameter, OnThrust, Values
 
 
 def _unnamed(_: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -28,7 +28,6 @@ EFFECT: Effect = Effect(
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)
 
-_HOUR = 3600.0
 # Suffixes of a form; part of the effect keys in files.
 WITH_OTHERS, FROM_INSTANT, BETWEEN = " beside others", " from an instant", " between instants"
 SUFFIXES = ("", WITH_OTHERS, FROM_INSTANT, BETWEEN)
@@ -51,9 +50,9 @@ def for_thruster(form: str) -> Effect:
         if form.endswith(WITH_OTHERS):
             share = np.any(np.delete(thrust, at, axis=1) != 0.0, axis=1).astype(np.float64)
         elif INSTANT.name in values:
-            share = inputs.share_after(_HOUR * values[INSTANT.name])
+            share = inputs.share_after(HOUR * values[INSTANT.name])
             if UNTIL.name in values:
-                share = np.maximum(share - inputs.share_after(_HOUR * values[UNTIL.name]), 0.0)
+                share = np.maximum(share - inputs.share_after(HOUR * values[UNTIL.name]), 0.0)
         changed[:, at] *= 1.0 - (1.0 - values["gain"]) * share
         return changed
 

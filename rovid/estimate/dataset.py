@@ -16,7 +16,7 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.threads import SizedCache
 from rovid.effects.actuator_inputs import SPEEDS, actuator_inputs, neutral_commands
-from rovid.effects.base import Scales
+from rovid.effects.base import HOUR, Scales
 from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
 from rovid.model.ode import with_past
@@ -176,7 +176,6 @@ NOISE_FLOOR = 1e-5
 _LEAST_RMS = 1e-150
 # s, longest time constant that lengths are derived from: longer than any log. Of a fit that ran off, no length follows.
 _LONGEST_CONSTANT = 1e6
-_HOUR = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,8 +373,8 @@ def effect_scales(
         surge=_rms_speed(trials, SPEEDS[0]),
         sway=_rms_speed(trials, SPEEDS[1]),
         load=load,
-        longest=max(trial.log_time + trial.duration for trial in trials) / _HOUR,
-        day=max(trial.campaign_time + trial.duration for trial in trials) / _HOUR,
+        longest=max(trial.log_time + trial.duration for trial in trials) / HOUR,
+        day=max(trial.campaign_time + trial.duration for trial in trials) / HOUR,
         time=time,
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import Effect, EffectParameter, restoring_effect
+from rovid.effects.base import HOUR
 from rovid.estimate.dataset import NOISE_FLOOR, FitData
 from rovid.model.model import Model
 
@@ -29,7 +30,6 @@ _FIRST_SHARE, _FIRST_MEMORY, _BELOW_LIMIT = 0.01, 1.0, 0.1
 _STEP = 1e-5
 # Least size of a parameter for its difference step, as a share of its initial value.
 _LEAST_SIZE = 0.1
-_HOUR = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class Parametrization:
         logged = np.cumsum([0.0, *(trial.duration for trial in trials)])
         sides = np.array([(trial.campaign_time, trial.campaign_time + trial.duration) for trial in trials])
         shares = np.column_stack((logged[:-1], logged[1:])) / logged[-1]
-        return shares.ravel(), sides.ravel() / (_HOUR * self.data.scales.day)
+        return shares.ravel(), sides.ravel() / (HOUR * self.data.scales.day)
 
     def initial(self) -> FloatArray:
         """(p,) initial coordinates, with each effect at the first of its initial values."""

@@ -55,8 +55,8 @@ class Assumptions:
     @property
     def ratios_hold(self) -> bool:
         """Whether the guesses are one common factor on all torques, so that ratios of torques hold."""
-        is_one = " and " not in self.quantities
-        return is_one and not self.includes_curve and len(self.items) in {0, self.thrusters}
+        is_one = len(self._quantities) < 2 and not self.includes_curve
+        return is_one and len(self.items) in {0, self.thrusters}
 
     @property
     def listing(self) -> str:
@@ -73,7 +73,11 @@ class Assumptions:
     @property
     def quantities(self) -> str:
         """The guessed quantities without the thrusters' names: "yaw_arm and curve"."""
-        return " and ".join(dict.fromkeys(item.partition(" of ")[0] for item in self.items))
+        return " and ".join(self._quantities)
+
+    @property
+    def _quantities(self) -> dict[str, None]:
+        return dict.fromkeys(item.partition(" of ")[0] for item in self.items)
 
     @property
     def curve_clause(self) -> str:

@@ -236,11 +236,21 @@ def test_a_rival_predicts_better_than_all_causes_beyond_a_tie(
     assert found.rival() is (formula if is_rival else None)
 
 
-@pytest.mark.parametrize(("gain", "is_doubted"), [(2.0 * THRESHOLDS.bic_margin, True), (THRESHOLDS.bic_margin, False)])
+@pytest.mark.parametrize(
+    ("gain", "form", "is_doubted"),
+    [
+        (2.0 * THRESHOLDS.bic_margin, "", True),
+        (THRESHOLDS.bic_margin, "", False),
+        (2.0 * THRESHOLDS.bic_margin, "trial a.csv", False),
+    ],
+)
 def test_causes_next_to_which_a_product_pays_are_doubted(
-    monkeypatch: pytest.MonkeyPatch, gain: float, *, is_doubted: bool
+    monkeypatch: pytest.MonkeyPatch, gain: float, form: str, *, is_doubted: bool
 ) -> None:
-    """Although no torque of the known kinds is missing, as with the interference of two thrusters."""
+    """Although no torque of the known kinds is missing, as with the interference of two thrusters.
+
+    A size of its own in single trials is no law that a formula could replace: the search compares a model without it.
+    """
     monkeypatch.setattr(search, "lacks_torque", lambda _: False)
     monkeypatch.setattr(search, "regress", lambda *_: SimpleNamespace(gains=lambda: np.array([0.0, gain])))
     monkeypatch.setattr(search, "product_effects", lambda *_: [])
@@ -251,7 +261,7 @@ def test_causes_next_to_which_a_product_pays_are_doubted(
     found.model, found.grammar = None, SimpleNamespace(products=products, price=lambda _: 3.0)
     monkeypatch.setattr(found, "rival", lambda: SimpleNamespace(signals=("rate",)))
     monkeypatch.setattr(search, "FormulaSearch", lambda *_: found)
-    cause: Any = SimpleNamespace(id="lag", key="lag", title="lag")
+    cause: Any = SimpleNamespace(id="lag", key="lag", title="lag", form=form, is_wave=False)
     model = SimpleNamespace(effects=(cause,), canonical=lambda: None)
     selection: Any = SimpleNamespace(model=model, multi_step=False, waves=None, is_out_of_time=False)
     selection.with_message = selection.ban = lambda *_: selection
