@@ -164,7 +164,7 @@ def test_a_cause_that_a_formula_beats_is_a_suspect(
     class Search:
         lacks_product = product
 
-        def __init__(self, *_: object) -> None: ...
+        def __init__(self, *_: object, with_sizes: bool) -> None: ...
 
         def rival(self) -> Any:
             return SimpleNamespace(signals=("rate", "roll")) if is_beaten else None

@@ -236,21 +236,11 @@ def test_a_rival_predicts_better_than_all_causes_beyond_a_tie(
     assert found.rival() is (formula if is_rival else None)
 
 
-@pytest.mark.parametrize(
-    ("gain", "form", "is_doubted"),
-    [
-        (2.0 * THRESHOLDS.bic_margin, "", True),
-        (THRESHOLDS.bic_margin, "", False),
-        (2.0 * THRESHOLDS.bic_margin, "trial a.csv", False),
-    ],
-)
+@pytest.mark.parametrize(("gain", "is_doubted"), [(2.0 * THRESHOLDS.bic_margin, True), (THRESHOLDS.bic_margin, False)])
 def test_causes_next_to_which_a_product_pays_are_doubted(
-    monkeypatch: pytest.MonkeyPatch, gain: float, form: str, *, is_doubted: bool
+    monkeypatch: pytest.MonkeyPatch, gain: float, *, is_doubted: bool
 ) -> None:
-    """Although no torque of the known kinds is missing, as with the interference of two thrusters.
-
-    A size of its own in single trials is no law that a formula could replace: the search compares a model without it.
-    """
+    """Although no torque of the known kinds is missing, as with the interference of two thrusters."""
     monkeypatch.setattr(search, "lacks_torque", lambda _: False)
     monkeypatch.setattr(search, "regress", lambda *_: SimpleNamespace(gains=lambda: np.array([0.0, gain])))
     monkeypatch.setattr(search, "product_effects", lambda *_: [])
@@ -260,8 +250,8 @@ def test_causes_next_to_which_a_product_pays_are_doubted(
     products = [Product((factor("rate", "cubic"),)), Product((factor("rate", "sign"),))]
     found.model, found.grammar = None, SimpleNamespace(products=products, price=lambda _: 3.0)
     monkeypatch.setattr(found, "rival", lambda: SimpleNamespace(signals=("rate",)))
-    monkeypatch.setattr(search, "FormulaSearch", lambda *_: found)
-    cause: Any = SimpleNamespace(id="lag", key="lag", title="lag", form=form, is_wave=False)
+    monkeypatch.setattr(search, "FormulaSearch", lambda *_, with_sizes: found if with_sizes else None)
+    cause: Any = SimpleNamespace(id="lag", key="lag", title="lag")
     model = SimpleNamespace(effects=(cause,), canonical=lambda: None)
     selection: Any = SimpleNamespace(model=model, multi_step=False, waves=None, is_out_of_time=False)
     selection.with_message = selection.ban = lambda *_: selection
@@ -269,10 +259,14 @@ def test_causes_next_to_which_a_product_pays_are_doubted(
     assert doubted == ["lag"] if is_doubted else doubted is selection
 
 
-def test_a_torque_of_its_own_signal_is_a_term_of_a_cause(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A loss of thrust by the speed that leaves thrust unexplained which changes with the speed has two terms."""
+@pytest.mark.parametrize("with_sizes", [False, True])
+def test_terms_of_a_cause(monkeypatch: pytest.MonkeyPatch, *, with_sizes: bool) -> None:
+    """A loss of thrust by the speed that leaves thrust unexplained which changes with the speed has two terms.
+
+    A size of its own in single trials is no law; a formula that is to replace it is compared with a model that has it.
+    """
     loss = next(one for one in CATALOGUE if one.id == "advance_speed_loss")
-    loss = replace(loss, needs=("surge_velocity",))
+    loss, size = replace(loss, needs=("surge_velocity",)), replace(loss, form="trial a.csv")
     signals = [SimpleNamespace(id=f"signal {name}", is_wave=False) for name in ("surge_velocity", "depth")]
     monkeypatch.setattr(search, "Grammar", SimpleNamespace(of=lambda *_: None))
     monkeypatch.setattr(search, "replace", lambda one, **_: one)
@@ -285,9 +279,9 @@ def test_a_torque_of_its_own_signal_is_a_term_of_a_cause(monkeypatch: pytest.Mon
     problem: Any = SimpleNamespace(data=data, innovations=innovations, pieces=())
     objective = SimpleNamespace(with_effects=lambda _: None)
     selected: Any = SimpleNamespace(
-        effects=(loss, *signals), objective=objective, without=lambda *_: ((loss,), np.zeros(0))
+        effects=(loss, size, *signals), objective=objective, without=lambda *_: ((loss,), np.zeros(0))
     )
-    assert FormulaSearch(problem, selected).terms == 2
+    assert FormulaSearch(problem, selected, with_sizes=with_sizes).terms == 2 + with_sizes
 
 
 def test_a_product_that_its_fit_refutes_does_not_compete_in_the_bootstrap(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,7 +33,6 @@ from rovid.diagnose.validation import (
     too_large,
     too_small,
 )
-from rovid.effects import Effect
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
@@ -132,14 +131,26 @@ class _Candidate:
 
 
 class FormulaSearch:
-    """Search for formulas next to the model that the diagnosis selected."""
+    """Search for formulas next to the model that the diagnosis selected.
 
-    def __init__(self, problem: SearchProblem, selected: FitResult, report: ProgressCallback = lambda _: None) -> None:
+    ``with_sizes``: The model keeps sizes of single trials: needed where a formula is to replace them.
+    """
+
+    def __init__(
+        self,
+        problem: SearchProblem,
+        selected: FitResult,
+        report: ProgressCallback = lambda _: None,
+        *,
+        with_sizes: bool = False,
+    ) -> None:
         self.problem, self.report = problem, report
         vehicle = problem.data.vehicle
         assert vehicle is not None  # noqa: S101 - a diagnosis has one
         objective = problem.innovations
-        named = _laws(selected)
+        # Otherwise such a size only describes these logs: no law, and no reason against one.
+        laws = (one for one in without_waves(selected.effects) if not is_signal(one))
+        named = tuple(one for one in laws if with_sizes or not trials_in_form(one.form))
         effects, x = selected.without(*(effect for effect in selected.effects if effect not in named))
         kept = replace(selected, objective=selected.objective.with_effects(effects), x=x)
         self.model = objective.begin(objective.search_data, kept, kept)
@@ -318,25 +329,16 @@ class FormulaSearch:
         return forms[int(np.argmax(correlation))].id
 
 
-def _laws(selected: FitResult) -> tuple[Effect, ...]:
-    """The effects that a formula may replace: not waves, signals, or a size of its own in single trials.
-
-    Such a size describes these logs: it is no law, and no reason against one.
-    """
-    every = without_waves(selected.effects)
-    return tuple(one for one in every if not is_signal(one) and not trials_in_form(one.form))
-
-
 def doubt_stand_ins(problem: SearchProblem, selection: Selection) -> Selection:
     """The ``selection`` without its causes if a formula in their place predicts held-out trials better.
 
     Only a one-step model that still lacks a torque, or a product of signals, is challenged. The causes are suspects
     then.
     """
-    causes = _laws(selection.model)
+    causes = [effect for effect in selection.model.effects if not is_signal(effect)]
     if not causes or selection.multi_step or selection.waves is not None or selection.is_out_of_time:
         return selection
-    search = FormulaSearch(problem, selection.model)
+    search = FormulaSearch(problem, selection.model, with_sizes=True)
     is_doubtful = lacks_torque(selection.model.canonical()) or search.lacks_product
     formula = search.rival() if is_doubtful else None
     if formula is None:
