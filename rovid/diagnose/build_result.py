@@ -42,7 +42,7 @@ from rovid.estimate.dataset import FitData, time_constant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, plan_experiment
 from rovid.estimate.fit_result import FitResult
-from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
+from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, LikelihoodFit
 from rovid.estimate.missing_torque import lacks_torque
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
@@ -78,7 +78,9 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
     """Result from a validated selection as it is ``stated``; ``warnings`` grow."""
     selection, estimate = stated.selection, stated.estimate
     base, model = selection.full_data(selection.base), selection.full_data(selection.model)
-    warnings.extend(estimate.warnings)
+    waves = _wave_finding(selection, stated.waves)
+    with_waves = stated.waves if waves is not None and is_established(waves) else None
+    warnings.extend((with_waves or stated).estimate.warnings)
     findings = [_finding(selection, cause, estimate) for cause in stated.causes if not is_signal(cause.effect)]
     signals = tuple((cause.effect, cause.bic_gain) for cause in stated.causes if is_signal(cause.effect))
     if model.at_limit:
@@ -95,10 +97,9 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
     extended = assessed = _assess(selection, selection.base, plain, stated.base_estimate, same_limit)
     if model.effects:
         extended = _assess(selection, selection.model, model.model, estimate, selection.model)
-    waves = _wave_finding(selection)
     if waves is not None and is_established(waves):
         findings.append(waves)
-        extended = _with_waves(extended, waves)
+        extended = _with_waves(extended, waves, with_waves)
     elif waves is not None:
         possible = sorted((*possible, waves), key=lambda one: -one.probability)
     verdict = "nothing_found"
@@ -248,12 +249,16 @@ def indistinguishable_sway(data: FitData, fits: Sequence[FitResult]) -> tuple[Ef
     return ()
 
 
-def _wave_finding(selection: Selection) -> Finding | None:
-    """Waves as a finding or suspect; None where they are improbable, or smaller than their standard error."""
+def _wave_finding(selection: Selection, stated: LikelihoodFit | None = None) -> Finding | None:
+    """Waves as a finding or suspect; None where they are improbable, or smaller than their standard error.
+
+    Their size is that of the ``stated`` fit, or else that of the test.
+    """
     waves = selection.waves
     if waves is None or waves.fitted is None or waves.probability < THRESHOLDS.possible:
         return None
-    effect, estimate = waves.fitted.effects[-1], model_estimate(waves.fitted, white=False)
+    effect = waves.fitted.effects[-1]
+    estimate = model_estimate(waves.fitted, white=False) if stated is None else stated.estimate
     gains = waves.gain, waves.bic_gain, waves.held_out_gain
     finding = _unrivalled(selection, effect, estimate, gains, waves.probability)
     return finding if finding.standard_errors >= THRESHOLDS.min_standard_errors_suspect else None
@@ -268,9 +273,12 @@ def _without_signal(selection: Selection, effect: Effect) -> tuple[Effect, ...]:
     return tuple(other for other in untested if not other.axes or axis in other.axes)
 
 
-def _with_waves(side: ModelAssessment, waves: Finding) -> ModelAssessment:
-    """``side`` with waves as a further effect; free-running simulations do not show waves."""
+def _with_waves(side: ModelAssessment, waves: Finding, stated: LikelihoodFit | None) -> ModelAssessment:
+    """``side`` with waves as a further effect, or as ``stated``; free-running simulations do not show waves."""
     from scipy import linalg
+
+    if stated is not None:
+        return replace(side, model=stated.model, estimate=stated.estimate)
 
     old, estimate, own = side.model, side.estimate, waves.estimate
     values = (*old.effect_values, *own.values.tolist())

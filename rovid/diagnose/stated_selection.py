@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError
 from rovid.diagnose.candidate_fits import Cause, bic_score, is_plausible
 from rovid.diagnose.evidence import size_in_errors
 from rovid.diagnose.result import Finding
@@ -22,7 +23,8 @@ from rovid.effects import Effect
 from rovid.effects.base import canonical_phases
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
-from rovid.estimate.maximum_likelihood import LikelihoodFit, misspecification_covariance, require_swing
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood, misspecification_covariance, require_swing
 from rovid.estimate.missing_torque import include_missing_torque
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, require_inertia
 from rovid.estimate.unknown_past import water_warning
@@ -41,6 +43,7 @@ class StatedSelection:
     estimate: Estimate  # of the selected model
     base_estimate: Estimate  # of the model without effects
     plain: LikelihoodFit | None  # the fit that the latter is of; None where that is the base of the search
+    waves: LikelihoodFit | None = None  # the fit with waves where these are the only cause, with the same errors
 
     def size_in_errors(self, effect: Effect) -> float:
         """Size of an ``effect`` of the model in the standard errors that are stated."""
@@ -60,12 +63,35 @@ def state(selection: Selection, plain: LikelihoodFit | None = None) -> StatedSel
         sizes = [(stated.size_in_errors(one), one) for one in selection.model.effects if not is_signal(one)]
         size, weakest = min(sizes, key=lambda one: one[0], default=(math.inf, None))
         if weakest is None or size >= THRESHOLDS.min_stated_errors:
-            return stated
+            return replace(stated, waves=_fit_with_waves(stated))
         reason = f"differs from zero by only {size:.1f} of the standard errors that include what the model lacks"
         selection = selection.with_message(f"{weakest.title} {reason}: it is not claimed.").ban(weakest)
         selection = drop_likely(selection, [weakest.key])
         if not selection.model.effects:
             selection = replace(selection, model=selection.base)
+
+
+def _fit_with_waves(stated: StatedSelection) -> LikelihoodFit | None:
+    """The fit of `rovid fit` with the established waves, where no other cause is; None if predictions are stated.
+
+    Multi-step predictions chose the model and do not contain waves, but inertia and drag fitted without the waves have
+    errors several times as large.
+    """
+    selection, plain = stated.selection, stated.plain
+    waves = None if selection.waves is None else selection.waves.established
+    if waves is None or selection.model.effects or plain is None:
+        return None
+    try:
+        fitted = fit_likelihood(selection.data.runs, selection.data.vehicle, waves.effects[-1:])
+    except DataError:
+        return None
+    if fitted.estimate.method != InnovationLikelihood.method:
+        return None
+    covariance, count = fitted.estimate.covariance.copy(), len(plain.estimate.names)
+    covariance[:count, :count] += stated.estimate.covariance - plain.estimate.covariance
+    further = [text for text in stated.estimate.warnings if text not in plain.estimate.warnings]
+    estimate = replace(fitted.estimate, covariance=covariance, warnings=(*fitted.estimate.warnings, *further))
+    return replace(fitted, estimate=estimate)
 
 
 def is_established(finding: Finding) -> bool:

@@ -26,11 +26,12 @@ from rovid.diagnose.stated_selection import (
 )
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected
-from rovid.effects import CATALOGUE, effect_named
+from rovid.effects import CATALOGUE, Effect, effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.maximum_likelihood import LikelihoodFit
 from tests import synthetic
 from tests.predictions import BIAS, NOISE, TIME, TORQUE
 
@@ -194,6 +195,48 @@ def test_the_plain_model_is_that_of_the_fit(selection: Selection, *, has_cause: 
     assert told.base.estimate.values.tolist() == plain.estimate.values.tolist()
     assert (told.extended.model == model) is not has_cause
     assert (told.extended.estimate.value("inertia") == model.inertia) is not has_cause
+
+
+@pytest.mark.parametrize(("method", "stated"), [(InnovationLikelihood.method, True), ("predictions", False)])
+def test_waves_without_another_cause_are_stated_as_in_the_fit_with_them(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, method: str, *, stated: bool
+) -> None:
+    """Inertia and drag fitted without the waves have errors several times as large."""
+    wave = effect_named("wave_torque")
+    test: Any = SimpleNamespace(established=SimpleNamespace(effects=(BIAS, wave)), imitated=(), likelier=selection.base)
+    plain: Any = SimpleNamespace(estimate=estimate(), model=selection.base.model)
+    values, covariance = np.append(VALUES, 8.0), 0.1 * np.eye(4)
+    names = (*NAMES, "wave_torque.amplitude")
+    own = replace(
+        estimate(), names=names, values=values, covariance=covariance, method=method, warnings=("of the fit",)
+    )
+    fitted = LikelihoodFit(
+        estimate=own,
+        lasting=np.zeros((4, 4)),
+        model=selection.base.model,
+        log_likelihood=0.0,
+        disturbance=1.0,
+        correlation_time=1.0,
+        position_noise=1e-4,
+        rate_only=False,
+        limit=0.05,
+        at_limit=True,
+        white=False,
+        free_run_r2=0.9,
+        simulation_r2=0.9,
+    )
+    asked = list[tuple[Effect, ...]]()
+    monkeypatch.setattr(stated_selection, "fit_likelihood", lambda *given: (asked.append(given[2]), fitted)[1])
+    assert state(replace(selection, waves=test), plain).waves is None  # another cause acts
+    told = state(replace(selection, model=selection.base, waves=test), plain)
+    assert asked == [(wave,)]
+    assert (told.waves is not None) is stated
+    if told.waves is not None:
+        # What suspects would change counts next to waves, too.
+        covariance[:3, :3] += told.estimate.covariance - plain.estimate.covariance
+        assert told.waves.estimate.covariance == pytest.approx(covariance)
+        assert told.waves.estimate.values.tolist() == values.tolist()
+        assert told.waves.estimate.warnings[0] == "of the fit"
 
 
 def test_what_fails_without_the_dropped_cause_is_dropped_too(
