@@ -10,7 +10,7 @@ system, and change places without a change of the motion: I/D <-> T. Both orders
 
 import math
 from collections.abc import Sequence
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
@@ -144,16 +144,22 @@ def at_best_instant(fitted: FitResult, iterations: int = ITERATIONS, goal: float
         return fitted
     places = [len(fitted.x) - len(last.parameters) + at for at in last.instants]
     shares, instants = parametrization.logged_time
-    for _ in range(_INSTANT_ROUNDS):
+    trials = [run.trial for run in fitted.data.runs]
+    # Between two readings the fit itself finds the instant.
+    finest = min(trial.sampling_interval for trial in trials) / sum(trial.duration for trial in trials)
+    for repetition in range(_INSTANT_ROUNDS):
         x = fitted.x
-        for at, level in product(places, range(_INSTANT_LEVELS)):
-            if level == 0:
-                centre, width = 0.5, 0.5
-            tried = [x, *(x.copy() for _ in range(_INSTANTS))]
-            for one, share in zip(tried[1:], centre + width * np.linspace(-1.0, 1.0, _INSTANTS), strict=True):
-                one[at] = np.interp(share, shares, instants)
-            (x,) = fitted.objective.most_likely(tried, 1)
-            centre, width = float(np.interp(x[at], instants, shares)), 2.0 * width / (_INSTANTS - 1)
+        for at in places:
+            centre, width = 0.5, 0.5
+            for _ in range(_INSTANT_LEVELS):
+                tried = [x, *(x.copy() for _ in range(_INSTANTS))]
+                for one, share in zip(tried[1:], centre + width * np.linspace(-1.0, 1.0, _INSTANTS), strict=True):
+                    one[at] = np.interp(share, shares, instants)
+                (x,) = fitted.objective.most_likely(tried, 1)
+                centre, width = float(np.interp(x[at], instants, shares)), 2.0 * width / (_INSTANTS - 1)
+                # Before the fit, nearer instants than these were tried.
+                if width < finest or (repetition and x is tried[0]):
+                    break
         if x is fitted.x:
             break
         fitted = fit(fitted.objective, x, iterations=iterations)
