@@ -226,7 +226,12 @@ def test_waves_without_another_cause_are_stated_as_in_the_fit_with_them(
         simulation_r2=0.9,
     )
     asked = list[tuple[Effect, ...]]()
-    monkeypatch.setattr(stated_selection, "fit_likelihood", lambda *given: (asked.append(given[2]), fitted)[1])
+
+    def fit_likelihood(_runs: object, _vehicle: object, effects: tuple[Effect, ...]) -> LikelihoodFit:
+        asked.append(effects)
+        return fitted
+
+    monkeypatch.setattr(stated_selection, "fit_likelihood", fit_likelihood)
     assert state(replace(selection, waves=test), plain).waves is None  # another cause acts
     told = state(replace(selection, model=selection.base, waves=test), plain)
     assert asked == [(wave,)]
