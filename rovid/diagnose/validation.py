@@ -155,8 +155,8 @@ def raises_disturbance(selection: Selection, effect: Effect) -> str:
     """The effect leaves a larger disturbance than the model without it, by more than the estimate scatters.
 
     The variance of a Gauss-Markov process with the memory tau has T/(2 tau) independent values in T seconds. The
-    relative standard error of its standard deviation is therefore sqrt(tau/T). A larger but slower disturbance, of the
-    same power at high frequencies, does not count: size and memory are then badly determined.
+    relative standard error of its standard deviation is therefore sqrt(tau/T). A larger disturbance counts only with
+    more power at low and at high frequencies: otherwise size and memory are badly determined.
     """
     seconds = sum(float(np.ptp(run.trial.time)) for run in selection.data.runs)
     without = selection.search.without(selection.model, effect)
@@ -164,7 +164,8 @@ def raises_disturbance(selection: Selection, effect: Effect) -> str:
     error = math.sqrt(max(memory, memory_without) / seconds)
     growth = size / size_without - 1.0 if size_without > 0.0 else 0.0
     is_slower = size**2 * memory_without <= size_without**2 * memory
-    if growth <= THRESHOLDS.disturbance_growth * error or is_slower:
+    is_faster = size**2 * memory <= size_without**2 * memory_without
+    if growth <= THRESHOLDS.disturbance_growth * error or is_slower or is_faster:
         return ""
     return f"leaves a disturbance that is {100.0 * growth:.0f} % larger"
 
