@@ -25,6 +25,8 @@ from rovid.planar.start_values import start_values, with_rudders_of
 # Effects that a vehicle with a rudder is likely to have, because its hull moves ahead: lift in proportion to the speed
 # (Fossen 2011, section 6.4.2). Least gain in nats beyond the BIC penalty for which they are part of the base model.
 HULL_LIFT, _LIFT_GAIN = ("sway_yaw_damping:lift", "speed_dependent_damping:planar"), 10.0
+# Least predicted gain of a sensor's place, over that of the lift, for a fit: score tests are good to a factor of a few.
+_PLACE_SHARE = 0.1
 # Steps of the fits of a hull: by simulations, then by the filter.
 _SIMULATED, _FILTERED = 30, 15
 # Stall angles in rad from which its fit may start.
@@ -102,13 +104,27 @@ def _with_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     if lifted is best:
         return best
     # The place of a sensor that rovid.toml lacks looks like lift: what has fewer parameters comes first.
-    placed = [add_effect(best, place, data) for place in _unknown_places(data)]
+    least = _PLACE_SHARE * (best.value - lifted.value)
+    placed = [add_effect(best, one, data) for one in _unknown_places(data) if _predicted_gain(best, one) >= least]
     return best if any(score(one) <= score(lifted) for one in placed) else lifted
 
 
 def _unknown_places(data: PlanarData) -> list[Effect]:
     """Places of sensors that rovid.toml lacks."""
     return [effect for effect in planar_candidates(data) if isinstance(effect.acts, SensorPlace)]
+
+
+def _predicted_gain(best: PlanarOptimum, place: Effect) -> float:
+    """Gain of log-likelihood (nats) by the ``place`` of a sensor, by the score test (Rao 1948)."""
+    count, at = len(place.parameters), best.coordinates.noise_begin
+    likelihood = replace(best.likelihood, free_runs=None, coordinates=best.coordinates.with_effect(place))
+    gradient, information = likelihood.equations(np.insert(best.x, at, np.zeros(count)))
+    rest = np.delete(np.arange(len(gradient)), range(at, at + count))
+    with_place, without = (
+        0.5 * float(gradient[own] @ inverse_information(information[np.ix_(own, own)]) @ gradient[own])
+        for own in (np.arange(len(gradient)), rest)
+    )
+    return with_place - without
 
 
 def _fitted(likelihood: PlanarLikelihood, runs: FreeRuns | None, x: FloatArray) -> PlanarOptimum:
@@ -237,21 +253,12 @@ def proposed_places(best: PlanarOptimum, data: PlanarData) -> Iterator[str]:
     has_place = any(isinstance(effect.acts, SensorPlace) for effect in best.effects)
     if has_place or best.likelihood.grid.yaw_only or (best.is_white and not best.limited.any()):
         return
-    likelihood = replace(best.likelihood, free_runs=None)
     penalty = 0.5 * math.log(float(best.likelihood.grid.used.sum()))
     for effect in _unknown_places(data):
-        count, at = len(effect.parameters), best.coordinates.noise_begin
-        needed = THRESHOLDS.bic_margin + penalty * count
-        extended = likelihood.with_coordinates(best.coordinates.with_effect(effect))
-        gradient, information = extended.equations(np.insert(best.x, at, np.zeros(count)))
-        rest = np.delete(np.arange(len(gradient)), range(at, at + count))
-        with_place, without = (
-            0.5 * float(gradient[own] @ inverse_information(information[np.ix_(own, own)]) @ gradient[own])
-            for own in (np.arange(len(gradient)), rest)
-        )
-        if with_place - without < needed:
+        needed = THRESHOLDS.bic_margin + penalty * len(effect.parameters)
+        if _predicted_gain(best, effect) < needed:
             continue
-        plain = PlanarOptimum.fit(likelihood, best.x) if best.is_multi_step else best
+        plain = PlanarOptimum.fit(replace(best.likelihood, free_runs=None), best.x) if best.is_multi_step else best
         placed = add_effect(plain, effect, data)
         # Where each disturbance stays at its limit, the place stands for something else that the model misses.
         explains = placed.is_white or placed.limited.sum() < plain.limited.sum()

@@ -7,12 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.effects import effect_named
+from rovid.effects import Effect, effect_named
 from rovid.model.bound_effects import BoundEffect
+from rovid.planar import effect_fits
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import (
     _new_starts,
+    _predicted_gain,
+    _with_lift,
     add_effect,
     place_entries,
     planar_candidates,
@@ -55,6 +58,34 @@ def test_a_place_that_is_not_given_is_found_and_proposed() -> None:
 def test_a_sound_fit_gets_no_proposal(small: tuple[PlanarData, PlanarOptimum]) -> None:
     data, base = small
     assert not list(proposed_places(base, data))
+
+
+@pytest.mark.parametrize(("predicted", "count"), [(90.0, 0), (110.0, 1)])
+def test_a_place_is_fitted_next_to_lift_where_a_score_test_promises_a_gain(
+    predicted: float, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = campaign(torpedo(3), runs=1, levels=4, hold=8.0, seed=3)
+    start = start_values(data, with_current=False)[0]
+    sizes = planar_sizes(data, start)
+    coordinates = PlanarCoordinates.of(start.model, sizes, data.sensors, yaw_only=False)
+    likelihood = PlanarLikelihood(planar_grid(data, sizes, yaw_only=False, interval=1.0), coordinates)
+    best, fitted = PlanarOptimum(likelihood, coordinates.initial(start.model, ()), 0.0), list[str]()
+
+    def add(optimum: PlanarOptimum, effect: Effect, _: PlanarData) -> PlanarOptimum:
+        fitted.append(effect.key)
+        return optimum
+
+    monkeypatch.setattr(effect_fits, "add_effect", add)
+    monkeypatch.setattr(effect_fits, "_predicted_gain", lambda *_: predicted)
+    monkeypatch.setattr(effect_fits, "_fitted", lambda likelihood, _, x: PlanarOptimum(likelihood, x, -1000.0))
+    monkeypatch.setattr(effect_fits, "_as_ship", lambda lifted, _: lifted)
+    assert _with_lift(best, data).value == -1000.0
+    assert len(fitted) == count
+
+
+def test_a_score_test_promises_nothing_where_the_place_is_right(small: tuple[PlanarData, PlanarOptimum]) -> None:
+    # Twice the gain is distributed as chi squared with two degrees of freedom: 1e-4 of them are above 18.4.
+    assert 0.0 <= _predicted_gain(small[1], PLACE) < 9.2
 
 
 def test_a_simulation_begins_where_the_sensors_read(small: tuple[PlanarData, PlanarOptimum]) -> None:
