@@ -34,22 +34,14 @@ def match_commands(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> dic
         others = _without_names(theirs, {one.name for one in ours})
         if not (own and others):
             continue
-        # Shares in each pair of logs of one run.
-        shares = []
-        for one, other in itertools.product(read.logs[first], read.logs[second]):
-            if all(command.source in one for command in own) and all(command.source in other for command in others):
-                found = _shares(one, own, other, others)
-                shares += [found] * bool((found.max(axis=int(len(own) <= len(others))) >= _SAME).all())
+        logs = itertools.product(read.logs[first], read.logs[second])
+        shares = [found for one, other in logs if (found := _shares(one, own, other, others)) is not None]
         twins = _pairs(np.mean(shares, axis=0), own, others) if shares else {}
-        matched[second] = replace(
-            matched[second],
-            commands=tuple(
-                replace(one, name=twin.name, reason=f"{one.reason}; the same values as {twin.source}")
-                if (twin := twins.get(one.source))
-                else one
-                for one in theirs
-            ),
-        )
+        commands = {command.source: command for command in theirs}
+        for source, twin in twins.items():
+            reason = f"{commands[source].reason}; the same values as {twin.source}"
+            commands[source] = replace(commands[source], name=twin.name, reason=reason)
+        matched[second] = replace(matched[second], commands=tuple(commands.values()))
     return matched
 
 
@@ -64,14 +56,14 @@ def _pairs(
 
     The numbers in the names distinguish thrusters that had the same command throughout.
     """
-    pairs = list(itertools.product(own, others))
-    numbered = [_agree(*(set(_NUMBER.findall(one.source)[-1:]) for one in pair)) for pair in pairs]
-    sides = [_agree(*(name_words(one.source) & SIDE for one in pair)) for pair in pairs]
-    # Two thrusters may have run by one programme: a side contradicts, and a number where there is no other command.
-    other = [
-        -1 in (side, number if min(shares.shape) == 1 else 0) for side, number in zip(sides, numbered, strict=True)
-    ]
-    ranks = np.where(other, 0.0, shares.ravel() + _MARGIN * np.equal(numbered, 1)).reshape(shares.shape)
+    ranks = np.zeros(shares.shape)
+    for place, share in np.ndenumerate(shares):
+        names = own[place[0]].source, others[place[1]].source
+        number = _agree(*(set(_NUMBER.findall(name)[-1:]) for name in names))
+        side = _agree(*(name_words(name) & SIDE for name in names))
+        # Two thrusters may have run by one programme: a side contradicts, and a number where there is no other command.
+        if side >= 0 and (number >= 0 or min(shares.shape) > 1):
+            ranks[place] = share + _MARGIN * (number == 1)
     is_wide = len(own) <= len(others)
     ranks = ranks if is_wide else ranks.T
     rows, best = np.arange(len(ranks)), np.argmax(ranks, axis=1)
@@ -89,13 +81,19 @@ def _agree(one: Collection[str], other: Collection[str]) -> int:
     return 0 if not (one and other) else 1 if one == other else -1
 
 
-def _shares(one: Log, own: Collection[ThrusterCommand], other: Log, others: Collection[ThrusterCommand]) -> FloatArray:
-    """(own, others) shares of the variance of one command that another one explains, both logs on one clock."""
+def _shares(
+    one: Log, own: Collection[ThrusterCommand], other: Log, others: Collection[ThrusterCommand]
+) -> FloatArray | None:
+    """(own, others) shares of the variance of one command that another one explains, both logs on one clock.
+
+    None where a log lacks a command, or the logs are not of one run.
+    """
+    if not (all(command.source in one for command in own) and all(command.source in other for command in others)):
+        return None
     step = max(_interval(one, own), _interval(other, others))
     a, b = _on_grid(one, own, step), _on_grid(other, others, step)
-    none = np.zeros((len(own), len(others)))
     if min(a.shape[1], b.shape[1]) < MIN_SAMPLES:
-        return none
+        return None
     # The sum of the sizes of all commands does not depend on their names.
     first, second = np.abs(a).sum(axis=0), np.abs(b).sum(axis=0)
     first, second = first - first.mean(), second - second.mean()
@@ -105,11 +103,12 @@ def _shares(one: Log, own: Collection[ThrusterCommand], other: Log, others: Coll
     lag = lag - count if lag >= len(first) else lag
     begin, end = max(lag, 0), min(len(first), lag + len(second))
     if end - begin < max(MIN_SAMPLES, _COVER * min(len(first), len(second))):
-        return none
+        return None
     a, b = a[:, begin:end], b[:, begin - lag : end - lag]
     spread = np.minimum(a.var(axis=1)[:, None], b.var(axis=1)[None, :])
     error = np.mean((a[:, None, :] - b[None, :, :]) ** 2, axis=2)
-    return np.where(spread > 0.0, 1.0 - error / np.where(spread > 0.0, spread, 1.0), 0.0).clip(0.0)
+    shares = np.where(spread > 0.0, 1.0 - error / np.where(spread > 0.0, spread, 1.0), 0.0).clip(0.0)
+    return shares if (shares.max(axis=int(len(own) <= len(others))) >= _SAME).all() else None
 
 
 def _interval(log: Log, commands: Collection[ThrusterCommand]) -> float:
