@@ -81,7 +81,7 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
     waves = _wave_finding(selection, stated.waves)
     with_waves = stated.waves if waves is not None and is_established(waves) else None
     warnings.extend((with_waves or stated).estimate.warnings)
-    findings = [_finding(selection, cause, estimate) for cause in stated.causes if not is_signal(cause.effect)]
+    findings = [_finding(stated, cause) for cause in stated.causes if not is_signal(cause.effect)]
     signals = tuple((cause.effect, cause.bic_gain) for cause in stated.causes if is_signal(cause.effect))
     if model.at_limit:
         warnings.append(
@@ -170,14 +170,16 @@ def _assess(
     return ModelAssessment(model=model, estimate=estimate, held_out=held_out)
 
 
-def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
+def _finding(stated: StatedSelection, cause: Cause) -> Finding:
     """Established cause, with the runs that distinguish it from others where that is open."""
-    effect, held_out_gain = cause.effect, selection.held_out_gain(cause.effect)
+    selection, effect = stated.selection, cause.effect
+    held_out_gain = selection.held_out_gain(effect)
     others, white = selection.indistinguishable(cause), selection.model.is_white
     close = [one.fitted.with_last(one.effect) for one in cause.alternatives if one.effect in others]
     sway = indistinguishable_sway(selection.data, [selection.model.with_last(effect), *close])
     finding = replace(
-        _unrivalled(selection, effect, estimate, (cause.gain, cause.bic_gain, held_out_gain)),
+        _unrivalled(selection, effect, stated.estimate, (cause.gain, cause.bic_gain, held_out_gain)),
+        standard_errors=stated.size_in_errors(effect),
         probability=recalibrated(selection.probability(cause, held_out_gain), white=white),
         alternatives=cause.alternatives,
         indistinguishable=(*others, *sway, *_without_signal(selection, effect)),

@@ -42,12 +42,17 @@ class StatedSelection:
     suspected: list[Suspected]
     estimate: Estimate  # of the selected model
     base_estimate: Estimate  # of the model without effects
+    by_forms: FloatArray  # (p, p) part of the covariance of the estimate by other forms of its causes
     plain: LikelihoodFit | None  # the fit that the latter is of; None where that is the base of the search
     waves: LikelihoodFit | None = None  # the fit with waves where these are the only cause, with the same errors
 
     def size_in_errors(self, effect: Effect) -> float:
-        """Size of an ``effect`` of the model in the standard errors that are stated."""
-        own = self.estimate.only(effect.parameter_names)
+        """Size of an ``effect`` of the model in the standard errors that are stated for its form.
+
+        That another form has another size says nothing against the cause.
+        """
+        of_form = replace(self.estimate, covariance=self.estimate.covariance - self.by_forms)
+        own = of_form.only(effect.parameter_names)
         return size_in_errors(effect, own.values, own.covariance, self.selection.data.scales)
 
 
@@ -104,7 +109,9 @@ def _state(selection: Selection, plain: LikelihoodFit | None) -> StatedSelection
     causes = list(map(selection.cause, selection.model.effects))
     base, model = selection.full_data(selection.base), selection.full_data(selection.model)
     suspected = suspects(selection)
-    estimate = _average_over_forms(selection, model_estimate(model, white=model.is_white))
+    estimate = model_estimate(model, white=model.is_white)
+    by_forms, by_effects = _between_laws(selection, estimate)
+    estimate = replace(estimate, covariance=estimate.covariance + by_forms + by_effects)
     by_dropped = np.zeros_like(estimate.covariance)
     if selection.dropped is not None:
         # Suspects are fitted one by one, and these effects show only together.
@@ -123,7 +130,8 @@ def _state(selection: Selection, plain: LikelihoodFit | None) -> StatedSelection
         estimate = replace(base_estimate, covariance=base_estimate.covariance + by_dropped)
     estimate = average_over_suspects(estimate, suspected)
     # Without effects both models are one, and it has one estimate.
-    return StatedSelection(selection, causes, suspected, estimate, base_estimate if model.effects else estimate, plain)
+    stated_base = base_estimate if model.effects else estimate
+    return StatedSelection(selection, causes, suspected, estimate, stated_base, by_forms, plain)
 
 
 def model_estimate(fitted: FitResult, *, white: bool) -> Estimate:
@@ -147,15 +155,15 @@ def model_estimate(fitted: FitResult, *, white: bool) -> Estimate:
     return estimate if fitted.data.has_actuators else estimate.normalised_by_inertia()
 
 
-def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:
-    """Add to the covariance that between models with another form or effect (Hoeting et al. 1999).
+def _between_laws(selection: Selection, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """(p, p) covariances between the model and models with another form, or another effect (Hoeting et al. 1999).
 
     The weights follow from the likelihoods where the innovations are white: those of other forms of an effect by
     Akaike's penalty, because nature rarely follows the simplest law. Otherwise no form is exact, and all models that
     gain nearly as much have equal weight.
     """
     model, search = selection.model, selection.search
-    deviations, weights = [], []
+    deviations, weights, is_form = [], [], list[bool]()
     for effect in model.effects:
         rest = search.without(model, effect)
         gain = bic_score(model) - bic_score(rest)
@@ -163,7 +171,8 @@ def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:
             if not is_plausible(fitted) or is_signal(fitted.effects[-1]) or fitted.key == model.key:
                 continue
             lead = bic_score(fitted) - bic_score(model)
-            if fitted.effects[-1].id == effect.id:
+            is_form.append(fitted.effects[-1].id == effect.id)
+            if is_form[-1]:
                 lead = model.value - fitted.value - (len(fitted.x) - len(model.x))
             weight = math.exp(min(lead, 0.0))
             if not model.is_white and bic_score(fitted) - bic_score(rest) >= THRESHOLDS.equivalent_form_share * gain:
@@ -171,7 +180,8 @@ def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:
             weights.append(weight)
             deviations.append(_deviation(estimate, fitted, effect))
     away, share = np.array(deviations).reshape(-1, len(estimate.names)), np.array(weights) / (1.0 + sum(weights))
-    return replace(estimate, covariance=estimate.covariance + _between(away, share))
+    forms = np.array(is_form, dtype=bool)
+    return _between(away[forms], share[forms]), _between(away[~forms], share[~forms])
 
 
 def average_over_suspects(estimate: Estimate, suspected: Sequence[Suspected]) -> Estimate:

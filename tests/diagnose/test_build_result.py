@@ -17,13 +17,7 @@ from rovid.diagnose.build_result import _wave_finding, subsets
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.formulas import search
 from rovid.diagnose.selection import Selection
-from rovid.diagnose.stated_selection import (
-    _average_over_forms,
-    _deviation,
-    average_over_suspects,
-    is_established,
-    state,
-)
+from rovid.diagnose.stated_selection import _between_laws, _deviation, average_over_suspects, is_established, state
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected
 from rovid.effects import CATALOGUE, Effect, effect_named
@@ -90,8 +84,8 @@ def test_another_law_counts_by_akaike_and_another_cause_by_schwarz(
     monkeypatch.setattr(stated_selection, "is_signal", lambda _: False)
     monkeypatch.setattr(stated_selection, "_deviation", lambda *_: np.array([2.0, 0.0, 0.0]))
     selected: Any = SimpleNamespace(model=model, search=search)
-    told = _average_over_forms(selected, estimate())
-    assert told.covariance[0, 0] == pytest.approx(1.0 + 4.0 * weight / (1.0 + weight))
+    added = sum(_between_laws(selected, estimate()))
+    assert added[0, 0] == pytest.approx(4.0 * weight / (1.0 + weight))
 
 
 def keys(count: int) -> list[tuple[str, ...]]:
@@ -151,6 +145,27 @@ def test_a_cause_that_the_stated_errors_leave_open_is_a_suspect(
     assert told.base is not None
     assert told.base.estimate.covariance.tolist() == told.extended.estimate.covariance.tolist()
     assert any("only 3.0 of the standard errors that include what the model lacks" in one for one in told.warnings)
+
+
+@pytest.mark.parametrize("same_cause", [True, False])
+def test_only_another_cause_in_its_place_speaks_against_a_cause(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, *, same_cause: bool
+) -> None:
+    """Another form may have another size. The stated error of the size includes it, but it is no reason for nothing."""
+
+    def between_laws(_: Selection, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+        at = [name == "bias_torque.torque" for name in estimate.names]
+        away = np.diag(estimate.values * at) ** 2
+        none = np.zeros_like(away)
+        return (away, none) if same_cause else (none, away)
+
+    monkeypatch.setattr(stated_selection, "_between_laws", between_laws)
+    told = conclude(selection, ())
+    assert [one.effect.id for one in told.findings] == ["bias_torque"] * same_cause
+    for finding in told.findings:
+        name = "bias_torque.torque"
+        assert finding.standard_errors > THRESHOLDS.min_stated_errors
+        assert finding.estimate.standard_error(name) > abs(finding.estimate.value(name))
 
 
 @pytest.mark.parametrize(
