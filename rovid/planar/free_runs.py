@@ -373,7 +373,8 @@ def better_simulating(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOp
     # With measurements of yaw alone the results are those of one axis.
     if best.likelihood.grid.yaw_only or best.is_multi_step or not misses_much(best, data):
         return best
-    if best.effects and not any(getattr(one.acts, "wanders", False) for one in best.effects):
+    wanders = any(getattr(one.acts, "wanders", False) for one in best.effects)
+    if best.effects and not wanders and best.loosened(held=True).is_white:
         loose = best.loosened()
         if loose.is_white and not loose.limited.any():
             return loose

@@ -132,12 +132,14 @@ class PlanarOptimum:
         own = slice(first, first + 3)
         return np.asarray((self.x[own] > self.coordinates.high[own] - 1e-3) & self.coordinates.free[own])
 
-    def loosened(self) -> Self:
-        """The fit under the limit of a disturbance that makes a model with effects adequate."""
+    def loosened(self, *, held: bool = False) -> Self:
+        """The fit under the limit of a disturbance that makes a model with effects adequate; or with the model ``held``."""
         coordinates, more = self.coordinates, math.log(REAL_DISTURBANCE_LIMIT / DISTURBANCE_LIMITS[0])
-        axes = [at for at in range(coordinates.noise_begin, coordinates.noise_begin + 3) if coordinates.free[at]]
-        loose = coordinates.bounded({at: (coordinates.low[at], coordinates.high[at] + more) for at in axes})
-        return type(self).fit(self.likelihood.with_coordinates(loose), self.x)
+        first = coordinates.noise_begin
+        axes = [at for at in range(first, first + 3) if coordinates.free[at]]
+        limits = {at: (coordinates.low[at], coordinates.high[at] + more) for at in axes}
+        limits |= {at: (self.x[at], self.x[at]) for at in range(first if held else 0)}
+        return type(self).fit(self.likelihood.with_coordinates(coordinates.bounded(limits)), self.x)
 
     def blocks(self) -> IntArray:
         """(N,) number of the block of each innovation: eight time constants or longer, less in short runs."""
