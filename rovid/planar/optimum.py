@@ -133,7 +133,7 @@ class PlanarOptimum:
         return np.asarray((self.x[own] > self.coordinates.high[own] - 1e-3) & self.coordinates.free[own])
 
     def loosened(self, *, held: bool = False) -> Self:
-        """The fit under the limit of a disturbance that makes a model with effects adequate; or with the model ``held``."""
+        """The fit under the limit of a disturbance that makes a model with effects adequate; model ``held`` or not."""
         coordinates, more = self.coordinates, math.log(REAL_DISTURBANCE_LIMIT / DISTURBANCE_LIMITS[0])
         first = coordinates.noise_begin
         axes = [at for at in range(first, first + 3) if coordinates.free[at]]
