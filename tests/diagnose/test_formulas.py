@@ -284,15 +284,18 @@ def test_terms_of_a_cause(monkeypatch: pytest.MonkeyPatch, *, with_sizes: bool) 
     assert FormulaSearch(problem, selected, with_sizes=with_sizes).terms == 2 + with_sizes
 
 
-def test_a_product_that_its_fit_refutes_does_not_compete_in_the_bootstrap(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("refuted", [-3.0, 60.0], ids=["gains nothing", "gains much less"])
+def test_a_product_that_its_fit_refutes_does_not_compete_in_the_bootstrap(
+    monkeypatch: pytest.MonkeyPatch, refuted: float
+) -> None:
     products = [Product((factor("rate", "sign"),)), Product((factor("rate", "cubic"),))]
     regression = SimpleNamespace(
         own=np.zeros((4, 0, 0)),
         gains=lambda _=None: np.array([60.0, 50.0]),
         correlation=lambda: np.array([[1.0, 0.4], [0.4, 1.0]]),
     )
-    scores = {products[0]: -3.0, products[1]: 200.0}
-    base: Any = SimpleNamespace(score=0.0)
+    scores = {products[0]: refuted, products[1]: 200.0}
+    base: Any = SimpleNamespace(score=0.0, value=0.0)
     monkeypatch.setattr(search, "regress", lambda *_: regression)
     monkeypatch.setattr(search, "product_effects", lambda *_: [])
     monkeypatch.setattr(search, "bic_score", lambda fitted: fitted.score)
@@ -302,10 +305,13 @@ def test_a_product_that_its_fit_refutes_does_not_compete_in_the_bootstrap(monkey
     found.grammar = SimpleNamespace(products=products, price=lambda _: 0.0)
     found.search = SimpleNamespace(misspecification_allowance=lambda *_, **__: 0.0)
     candidate: Any = search._Candidate  # noqa: SLF001
-    fits = {one: candidate((one,), SimpleNamespace(score=scores[one]), base, 0.0, 0.0) for one in products}
+    fits = {
+        one: candidate((one,), SimpleNamespace(score=scores[one], value=-scores[one]), base, 0.0, 0.0)
+        for one in products
+    }
     monkeypatch.setattr(found, "_fitted", lambda _, some: fits[some[0]])
-    (one,) = found._candidates(base, longest=1)  # noqa: SLF001
-    assert (one.products, one.inclusion) == ((products[1],), 1.0)
+    best, *_ = found._candidates(base, longest=1)  # noqa: SLF001
+    assert (best.products, best.inclusion) == ((products[1],), 1.0)
 
 
 def test_an_oscillation_follows_its_equation() -> None:

@@ -244,8 +244,10 @@ class FormulaSearch:
         if not singles:
             return
         # What the regression predicted, and the fit of a product refuted, does not compete in the bootstrap.
-        refuted = correlation[[k for k in chosen if k not in singles]].max(axis=0, initial=0.0)
-        competes = (refuted < _SIMILAR) | (correlation[[*singles]].max(axis=0) > refuted)
+        least_gain = _COMPARABLE * max(map(self._gain, singles.values()))
+        kept = [k for k, one in singles.items() if self._gain(one) >= least_gain]
+        refuted = correlation[[k for k in chosen if k not in kept]].max(axis=0, initial=0.0)
+        competes = (refuted < _SIMILAR) | (correlation[kept].max(axis=0) > refuted)
         drawn = inclusion(found, np.where(competes, prices, np.inf), np.random.default_rng(_SEED), _DRAWS)
         every = [replace(one, inclusion=float(np.mean(correlation[k, drawn] > _SIMILAR))) for k, one in singles.items()]
         best = sorted(every, key=lambda one: -one.score)[:_MOST]
