@@ -25,6 +25,7 @@ from rovid.core.budget import Budget, ProgressCallback
 from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.result import EVEN, Diagnosis, Finding, doubted
 from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.effects.base import HOUR
 from rovid.effects.further_terms import trials_in_form
 from rovid.faults.base import named
 from rovid.faults.foreign_log import LIKELY, belonging, minority_payload
@@ -36,7 +37,6 @@ from rovid.trial.vehicle import Vehicle
 
 # Logs at least, of which a minority can be foreign; logs at most that are taken for foreign.
 _MIN_LOGS, _MOST_FOREIGN = 4, 2
-_HOUR = 3600.0
 # Share of the differences (chi-square) that the other logs keep, below which the evidence comes from a few logs.
 _LEFT = 0.25
 # Probability that a returned log is of another vehicle after all: that of residuals which the test calls usual.
@@ -120,7 +120,7 @@ def _logs_between(finding: Finding, runs: Sequence[Run]) -> tuple[str, ...]:
     """The logs in which a cause acts that begins, or ends, at an instant."""
     effect = finding.effect
     instants = [finding.estimate.value(effect.parameter_names[at]) for at in effect.instants]
-    begin, end = (_HOUR * value for value in (*instants, math.inf)[:2])
+    begin, end = (HOUR * value for value in (*instants, math.inf)[:2])
     share = {}
     for name, parts in log_parts(runs).items():
         spans = [(one.trial.campaign_time, one.trial.campaign_time + one.trial.duration) for one in parts]

@@ -12,6 +12,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import played, root_played, root_slewed, slewed
 from rovid.effects.actuator_inputs import SPEEDS
+from rovid.effects.base import HOUR
 from rovid.jit.decorators import compiled
 from rovid.trial.preprocessing import Run, shared_channels
 from rovid.trial.vehicle import Vehicle
@@ -27,7 +28,6 @@ STATES = {
 }
 # Signals of the campaign's clock and of single thrusters -> their code in a plug-in.
 HOURS, THRUST = "campaign_hours", "thrust:"
-_HOUR = 3600.0  # s
 _UNITS = {
     HOURS: "h",
     "rate": "rad/s",
@@ -324,7 +324,7 @@ def _values(run: Run, name: str, vehicle: Vehicle) -> FloatArray:
         at = [one.name for one in vehicle.thrusters].index(name.removeprefix(THRUST))
         return vehicle.thrust(trial.commands)[:, at]
     if name == HOURS:
-        return (trial.campaign_time + time) / _HOUR
+        return (trial.campaign_time + time) / HOUR
     return np.asarray(trial.channels[name], dtype=float)
 
 
