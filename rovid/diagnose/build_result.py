@@ -204,7 +204,7 @@ def _unrivalled(
         gain=gain,
         bic_gain=bic_gain,
         held_out_gain=held_out_gain,
-        standard_errors=size_in_errors(effect, own.values, own.covariance, selection.data.scales),
+        standard_errors=size_in_errors(effect, own, selection.data.scales),
         probability=probability,
         alternatives=(),
         indistinguishable=(),

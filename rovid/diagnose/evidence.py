@@ -14,6 +14,7 @@ from rovid.effects import Effect, supply_sag
 from rovid.effects.base import Instant, Scales, Term
 from rovid.effects.coulomb_resistance import EFFECT as FRICTION
 from rovid.effects.further_terms import trials_in_form
+from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
 
 # What people read where the logs do not decide between causes, or decide nothing.
@@ -101,14 +102,12 @@ def effect_sizes(fitted: FitResult, effect: Effect, *, sandwich: bool) -> tuple[
     return away, fitted.covariance(sandwich=sandwich)[np.ix_(at, at)]
 
 
-def size_in_errors(effect: Effect, values: FloatArray, covariance: FloatArray, scales: Scales) -> float:
-    """Mahalanobis distance of the sizes of ``effect`` from their neutral values; 0 where they are not determined.
-
-    ``values`` (k,) and ``covariance`` (k, k) are those of its parameters.
-    """
-    own = slice(effect.size_count)
-    away, covariance = values[own] - scales.neutral_sizes(effect), covariance[own, own]
-    if not np.isfinite(covariance).all():
+def size_in_errors(effect: Effect, estimate: Estimate, scales: Scales) -> float:
+    """Mahalanobis distance of the determined sizes of ``effect`` from their neutral values; 0 where there are none."""
+    own = estimate.only(effect.parameter_names[: effect.size_count])
+    known = np.array([name not in own.refused for name in own.names])
+    away, covariance = (own.values - scales.neutral_sizes(effect))[known], own.covariance[np.ix_(known, known)]
+    if not known.any() or not np.isfinite(covariance).all():
         return 0.0
     return math.sqrt(max(float(away @ np.linalg.lstsq(covariance, away, rcond=None)[0]), 0.0))
 

@@ -52,8 +52,7 @@ class StatedSelection:
         That another form has another size says nothing against the cause.
         """
         of_form = replace(self.estimate, covariance=self.estimate.covariance - self.by_forms)
-        own = of_form.only(effect.parameter_names)
-        return size_in_errors(effect, own.values, own.covariance, self.selection.data.scales)
+        return size_in_errors(effect, of_form, self.selection.data.scales)
 
 
 def state(selection: Selection, plain: LikelihoodFit | None = None) -> StatedSelection:

@@ -6,6 +6,7 @@ the result. Each cause then has to pass the held-out gate; see `rovid.planar.hel
 the search goes on without it. Thresholds are those of `rovid.diagnose.thresholds`.
 """
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -250,14 +251,11 @@ def _result(
     if "current" in named and "north" in data.sensors:
         messages.append(_WIND)
     search.budget.report("Fitting all readings …")
-    established, final, complete, small = _fitted_to_all_readings(search, final, established)
+    established, final, fit, small = _fitted_to_all_readings(search, final, established)
     messages += small
-    fit = planar_result(data, complete)
     base_fit = fit if not search.causes(final) else planar_result(data, search.base)
     findings, suspects = [], []
     for one in established:
-        if not set(fit.estimate.refused).isdisjoint(one.effect.parameter_names[: one.effect.size_count]):
-            messages = [*messages, f"{one.effect.title} shows, but these logs do not determine its size."]
         own = fit.estimate.only(one.effect.parameter_names)
         findings.append(replace(one, estimate=own, is_complete=not late))
     likely = planar_result(data, model).estimate if len(findings) < len(tested) else fit.estimate
@@ -306,22 +304,24 @@ def _result(
 
 def _fitted_to_all_readings(
     search: PlanarSearch, model: PlanarOptimum, established: Sequence[Finding]
-) -> tuple[list[Finding], PlanarOptimum, PlanarOptimum, list[str]]:
+) -> tuple[list[Finding], PlanarOptimum, PlanarFit, list[str]]:
     """Causes that remain ``established``, their model, its fit to all readings, and messages on the others.
 
-    The search takes thinned readings. In all of them a cause may be too small.
+    The search takes thinned readings, and its errors lack what the model misses. The stated errors of all readings
+    include that: a cause with a size that they leave open is dropped, and the others are tested again.
     """
-    found, messages, complete = list[Finding](), list[str](), refined(model, search.data)
-    for one in established:
-        own = complete.effect_estimate(one.effect)
-        errors = size_in_errors(one.effect, own.values, own.covariance, complete.coordinates.sizes.effects)
-        if errors >= THRESHOLDS.min_standard_errors_multi_step:
-            found.append(one)
-        else:
-            messages.append(f"{one.effect.title} is too small in all readings: it is not established.")
-            model = search.polish(search.without(model, one.effect))
-            complete = refined(model, search.data)
-    return found, model, complete, messages
+    found, messages, scales = list(established), list[str](), model.coordinates.sizes.effects
+    while True:
+        fit = planar_result(search.data, refined(model, search.data))
+        sizes = [(size_in_errors(one.effect, fit.estimate, scales), one) for one in found]
+        size, weakest = min(sizes, key=lambda one: one[0], default=(math.inf, None))
+        if weakest is None or size >= THRESHOLDS.min_stated_errors:
+            return found, model, fit, messages
+        why = f"differs from nothing by only {size:.1f} standard errors in all readings"
+        why = why if size > 0.0 else "shows, but these logs do not determine its size"
+        messages.append(f"{weakest.effect.title} {why}: it is not established.")
+        found = [one for one in found if one is not weakest]
+        model = search.polish(search.without(model, weakest.effect))
 
 
 def _formless(model: PlanarOptimum, data: PlanarData, tested: Sequence[Finding]) -> list[Finding]:

@@ -308,7 +308,7 @@ class Gate:
         with_it, without = self.held_out(model), self.held_out(rest)
         held_out_gain = with_it.log_likelihood - without.log_likelihood
         estimate = model.effect_estimate(effect)
-        errors = size_in_errors(effect, estimate.values, estimate.covariance, model.coordinates.sizes.effects)
+        errors = size_in_errors(effect, estimate, model.coordinates.sizes.effects)
         found: dict[str, OtherCause] = {}  # Other causes in the place of ``effect``, best first.
         for one in search.replacements(model, effect):
             other = one.effects[-1]

@@ -23,12 +23,15 @@ from rovid.diagnose.evidence import (
     posterior_probability,
     probability_not_a_stand_in,
     recalibrated,
+    size_in_errors,
 )
 from rovid.diagnose.result import Diagnosis
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE, THRESHOLDS
 from rovid.effects import Effect, effect_named
+from rovid.effects.base import Scales
+from rovid.estimate.estimate import Estimate
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
@@ -226,3 +229,17 @@ def test_a_suspect_is_possible_at_most_where_a_promising_cause_was_not_fitted() 
     assert selection.max_suspect_probability == THRESHOLDS.max_suspect_probability
     search.budget.leave_out(lag.id)
     assert grade(selection.max_suspect_probability, 1e3, 1e2, white=True) is Evidence.POSSIBLE
+
+
+@pytest.mark.parametrize(("undetermined", "expected"), [((), 5.0), (("yaw",), 4.0), (("yaw", "sway"), 0.0)])
+def test_only_determined_sizes_show_a_cause(undetermined: tuple[str, ...], expected: float) -> None:
+    effect, scales = effect_named("speed_dependent_damping:planar"), Scales(command=1.0, torque=1.0, rate=1.0, wash=1.0)
+    estimate = Estimate(
+        names=("inertia", *effect.parameter_names),
+        values=np.array([7.0, 3.0, 4.0]),
+        covariance=np.eye(3),
+        method="",
+        samples=9,
+        refused={f"{effect.key}.{name}": "these runs do not determine it" for name in undetermined},
+    )
+    assert size_in_errors(effect, estimate, scales) == pytest.approx(expected)

@@ -13,11 +13,14 @@ from rovid.core.budget import Budget
 from rovid.core.errors import DataError
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import effect_named
+from rovid.effects.base import Scales
+from rovid.estimate.estimate import Estimate
 from rovid.estimate.fisher_information import Innovations, Jacobian
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import (
     _agreeing,
     _contradicted,
+    _fitted_to_all_readings,
     _formless,
     _in_current,
     _outweighed,
@@ -220,6 +223,48 @@ def test_a_cause_is_contradicted_where_the_likelihood_names_another() -> None:
     assert _contradicted([lag, hysteresis], [named("command_delay")]) == [hysteresis]
     # Without a cause by the likelihood, nothing contradicts.
     assert _contradicted([lag, hysteresis], []) == []
+
+
+@pytest.mark.parametrize(
+    ("error", "undetermined", "message"),
+    [
+        (0.1, (), ""),
+        (0.2, (), "by only 2.5 standard errors in all readings"),
+        # In a current that no model held, the stated error of the exponent was larger than the exponent.
+        (0.1, ("thrust_curve_shape.exponent",), "shows, but these logs do not determine its size"),
+    ],
+)
+def test_no_cause_is_established_with_a_size_that_is_open_in_all_readings(
+    error: float, undetermined: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The stated errors decide. Without the cause all others are tested again: the lag needs it to be determined."""
+    shape, lag = named("thrust_curve_shape"), named("thruster_lag")
+    names = (*shape.effect.parameter_names, *lag.effect.parameter_names)
+    estimate = Estimate(
+        names=names, values=np.array([1.5, 0.5]), covariance=np.diag([error**2, 0.01]), method="", samples=9
+    )
+    coordinates = SimpleNamespace(sizes=SimpleNamespace(effects=Scales(command=1.0, torque=1.0, rate=1.0, wash=1.0)))
+
+    def model(*causes: str) -> Any:
+        return SimpleNamespace(causes=causes, coordinates=coordinates)
+
+    def result(_: object, fitted: Any) -> Any:
+        refused = undetermined if shape.effect.id in fitted.causes else lag.effect.parameter_names
+        return SimpleNamespace(estimate=replace(estimate, refused=dict.fromkeys(refused, "")), causes=fitted.causes)
+
+    monkeypatch.setattr("rovid.planar.diagnosis.refined", lambda fitted, _: fitted)
+    monkeypatch.setattr("rovid.planar.diagnosis.planar_result", result)
+    search: Any = SimpleNamespace(
+        data=None,
+        polish=lambda one: one,
+        without=lambda fitted, effect: model(*(one for one in fitted.causes if one != effect.id)),
+    )
+    found, final, fit, messages = _fitted_to_all_readings(search, model(shape.effect.id, lag.effect.id), [shape, lag])
+    assert found == ([] if message else [shape, lag])
+    every: Any = (final, fit)
+    assert [one.causes for one in every] == [tuple(one.effect.id for one in found)] * 2
+    assert len(messages) == (2 if message else 0)
+    assert message in " ".join(messages)
 
 
 @pytest.mark.parametrize(
