@@ -46,7 +46,7 @@ _SIGN_SHARE = 0.1
 # for each time constant, and widths of a play, in the RMS value. Frequencies and the damping ratio of an oscillation,
 # which is seen near its frequency alone.
 _MEMORIES, _LIMITS, _PLAYS = (0.5, 2.0), (0.3, 1.0, 3.0), (0.1, 0.4)
-_FREQUENCIES, _DAMPING = tuple(0.4 * 1.25**k for k in range(20)), 0.1
+_FREQUENCIES, _DAMPING = tuple(0.3 * 1.13**k for k in range(30)), 0.05
 # Symbols of the longest product of two factors.
 _LONGEST_PAIR = 3
 # Length of the code of one more symbol in nats.
