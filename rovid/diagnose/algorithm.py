@@ -30,7 +30,7 @@ from rovid.core.errors import DataError
 from rovid.core.spmd import forked_workers
 from rovid.diagnose.build_result import build_diagnosis, search_warnings
 from rovid.diagnose.challenge import challenge
-from rovid.diagnose.cross_validation import missing_data, split_runs
+from rovid.diagnose.cross_validation import has_pause, missing_data, split_runs
 from rovid.diagnose.formulas.search import doubt_stand_ins
 from rovid.diagnose.objectives import (
     InnovationObjective,
@@ -92,9 +92,11 @@ def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseS
     gain exceeds the threshold and what approximate equations may explain, remove effects that lost their gain, exchange
     effects for better ones. It ends when the model no longer changes, or earlier for a `SearchStop`.
     """
+    # Parts begin anew after a pause, over which the whole log would have to be predicted.
+    needs_parts = objective.multi_step or any(has_pause(run.trial) for run in problem.data.runs)
     return Selection(
         search=search,
-        data=objective.data if objective.multi_step else problem.data,
+        data=objective.data if needs_parts else problem.data,
         base=objective.base,
         model=search.run(start),
         pieces=objective.pieces,

@@ -112,6 +112,11 @@ def recorded_seconds(trial: Trial) -> float:
     return sum(float(np.ptp(trial.time[session])) for session in _sessions(trial))
 
 
+def has_pause(trial: Trial) -> bool:
+    """Whether positions are missing for so long that the motion after it is not predicted from that before."""
+    return len(_sessions(trial)) > 1
+
+
 def _sessions(trial: Trial) -> list[IntArray]:
     """Indices of the measured positions between pauses."""
     measured = np.flatnonzero(trial.measured)
