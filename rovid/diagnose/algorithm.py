@@ -92,11 +92,9 @@ def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseS
     gain exceeds the threshold and what approximate equations may explain, remove effects that lost their gain, exchange
     effects for better ones. It ends when the model no longer changes, or earlier for a `SearchStop`.
     """
-    # Parts begin anew after a pause, over which the whole log would have to be predicted.
-    needs_parts = objective.multi_step or any(has_pause(run.trial) for run in problem.data.runs)
     return Selection(
         search=search,
-        data=objective.data if needs_parts else problem.data,
+        data=objective.data if objective.multi_step or has_pause(problem.data.runs) else problem.data,
         base=objective.base,
         model=search.run(start),
         pieces=objective.pieces,

@@ -112,9 +112,9 @@ def recorded_seconds(trial: Trial) -> float:
     return sum(float(np.ptp(trial.time[session])) for session in _sessions(trial))
 
 
-def has_pause(trial: Trial) -> bool:
-    """Whether positions are missing for so long that the motion after it is not predicted from that before."""
-    return len(_sessions(trial)) > 1
+def has_pause(runs: Sequence[Run]) -> bool:
+    """Whether positions are missing for so long that a part begins anew after it; a whole log does not."""
+    return any(len(_sessions(run.trial)) > 1 for run in runs)
 
 
 def _sessions(trial: Trial) -> list[IntArray]:
