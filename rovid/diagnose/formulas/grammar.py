@@ -117,9 +117,10 @@ def remembered(time: FloatArray, values: FloatArray, constant: float) -> FloatAr
 
 @compiled
 def oscillated(time: FloatArray, values: FloatArray, frequency: float, damping: float) -> FloatArray:
-    """(n,) output x of x''/ω² + 2ζx'/ω + x = values, which are held; it begins at rest, and ζ is below 1."""
+    """(n,) output x of x''/ω² + 2ζx'/ω + x = values, which are held; it begins at rest, and ζ is 1 at most."""
     found, x, speed = np.zeros(len(time)), 0.0, 0.0
-    ringing = frequency * math.sqrt(1.0 - damping * damping)
+    # Critical damping is the limit of slow ringing.
+    ringing = frequency * math.sqrt(max(1.0 - damping * damping, 1e-6))
     for k in range(1, len(time)):
         step = time[k] - time[k - 1]
         decay, angle = math.exp(-damping * frequency * step), ringing * step
