@@ -22,7 +22,6 @@ from rovid.effects import PLANAR_FORMS, Effect, effect_named, every_form
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.maximum_likelihood import LikelihoodFit
-from rovid.model.model import Model
 from rovid.model.parameter_names import without_form
 from rovid.planar.fit import PlanarFit
 from rovid.preflight.feedback_detection import detect_feedback
@@ -137,6 +136,25 @@ def improvement_words(errors: Mapping[str, tuple[float, float]]) -> str:
         share = 100.0 * (1.0 - with_causes / without) if without else 0.0
         parts.append(f"{title} {abs(share):.0f} % {'smaller' if share >= 0.0 else 'larger'}")
     return ", ".join(parts)
+
+
+def removed_sentence(diagnosis: Diagnosis) -> str:
+    """Share of the removable rate error that the causes remove, or without causes the part that is removable."""
+    if diagnosis.base is None or diagnosis.extended is None or (share := diagnosis.removed_share) is None:
+        return ""
+    plain, error = diagnosis.base, f"of the mean square {diagnosis.base.estimate.axis.rate_words} error"
+    if not diagnosis.extended.model.effects:
+        removable = math.floor(100.0 * (1.0 - (diagnosis.noise_floor / plain.held_out.rate_rmse) ** 2))
+        text = f"A perfect model would remove at least {removable} % {error}; no cause is established."
+        return text if diagnosis.verdict in ("suspected", "unexplained") else ""
+    at_most, percent = "", round(100.0 * share)
+    if diagnosis.lacks_torque:  # The noise floor contains the torque. A bound of 100 % is no bound.
+        at_most, percent = "at most ", math.ceil(100.0 * share)
+    if percent < 1 or (at_most and percent >= 100):
+        return ""
+    size = f"{at_most}{percent} %" if percent < 100 else "all"
+    subject = "extended model removes" if diagnosis.signals else "causes remove"
+    return f"The {subject} {size} {error} that a perfect model would remove."
 
 
 def comparison_headline(comparison: Comparison | PlanarComparison) -> str:
@@ -380,13 +398,3 @@ def _largest(runs: Sequence[ClosedLoopResult], name: str) -> float:
 
 def _settled(seconds: float) -> str:
     return f"{seconds:.1f} s" if math.isfinite(seconds) else "the end of the run"
-
-
-def estimate_warnings(model: Model) -> list[str]:
-    """A sentence on a ``model`` that was estimated without a log, with its parameters."""
-    units = (model.axis.unit(unit) for unit in ("kg m^2", "N m s^2/rad^2", "N m s/rad"))
-    values = (model.inertia, model.quadratic_drag, model.linear_drag)
-    names = ("inertia", "quadratic drag", "linear drag")
-    listed = ", ".join(f"{name} {value:.2g} {unit}" for name, value, unit in zip(names, values, units, strict=True))
-    text = "There is no log yet: the model is estimated from mass and size, and may be wrong by a factor of three"
-    return [f"{text} ({listed}). Repeat this with the first logs."]

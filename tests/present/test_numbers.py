@@ -94,6 +94,10 @@ def check_diagnosis(document: Document, terminal: str, page: str, stored: Docume
         assert " ".join(row) in page
     assert all(value in page for row in errors for value in row if row[0] != DASH)
     if "axes" not in document:
+        share = document["removed_share"]["value"]
+        removed = f"The causes remove {'all' if share >= 0.995 else f'{100 * share:.0f} %'} of the mean square"
+        assert removed in terminal
+        assert removed in page
         share = 100.0 * document["unexplained"]["share_of_torque_variance"]
         assert f"left unexplained: {share:.2g} %" in terminal
 

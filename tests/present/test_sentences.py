@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from rovid.core.errors import join_words
-from rovid.diagnose.result import Diagnosis, Finding
+from rovid.diagnose.cross_validation import HeldOutScores
+from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
+from rovid.model.model import Model
 from rovid.present.sentences import (
     cause_name,
     evidence_definitions,
     evidence_words,
     improvement_words,
+    removed_sentence,
     verdict_sentence,
 )
 from rovid.trial.assumptions import Assumptions
@@ -97,6 +101,53 @@ def test_what_is_gained_is_a_share_of_each_error() -> None:
     )
     grown = improvement_words({"heading error": (4.0, 5.0), "yaw rate error": (0.02, 0.01)})
     assert grown == "heading error 25 % larger, yaw rate error 50 % smaller"
+
+
+def assessment(rate_rmse: float, *effects: str) -> ModelAssessment:
+    model = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0, effects=tuple(map(effect_named, effects)))
+    scores = HeldOutScores(
+        rate_r2=0.9, rate_rmse=rate_rmse, position_errors={}, log_likelihood=0.0, rate_squares=np.empty(0)
+    )
+    return ModelAssessment(model=model, estimate=LAG.estimate, held_out=scores)
+
+
+# (25 - 9) / (25 - 4), (25 - 1) / (25 - 4) and 1 - 4 / 25 in mean squares; and a floor that is too near, or not known.
+@pytest.mark.parametrize(
+    ("extended", "changes", "said"),
+    [
+        (3.0, {}, "The causes remove 76 % of the mean square yaw rate error that a perfect model would remove."),
+        (1.0, {}, "The causes remove all of the mean square yaw rate error that a perfect model would remove."),
+        (
+            3.0,
+            {"lacks_torque": True},
+            "The causes remove at most 77 % of the mean square yaw rate error that a perfect model would remove.",
+        ),
+        (
+            3.0,
+            {"signals": ((DELAY, 30.0),)},
+            "The extended model removes 76 % of the mean square yaw rate error that a perfect model would remove.",
+        ),
+        (2.0, {"lacks_torque": True}, ""),
+        (6.0, {}, ""),
+        (3.0, {"noise_floor": 2.6}, ""),
+        (3.0, {"noise_floor": np.nan}, ""),
+    ],
+)
+def test_the_causes_are_measured_by_a_perfect_model(extended: float, changes: dict[str, Any], said: str) -> None:
+    base, other = assessment(5.0), assessment(extended, "thruster_lag")
+    diagnosis = Diagnosis(verdict="found", findings=(LAG,), base=base, extended=other, noise_floor=2.0)
+    diagnosis = replace(diagnosis, **changes)
+    assert removed_sentence(diagnosis) == said
+
+
+def test_without_causes_the_part_that_a_perfect_model_would_remove_is_said() -> None:
+    base = assessment(5.0)
+    diagnosis = Diagnosis(verdict="unexplained", base=base, extended=base, noise_floor=1.9, lacks_torque=True)
+    said = "A perfect model would remove at least 85 % of the mean square yaw rate error; no cause is established."
+    assert removed_sentence(diagnosis) == said
+    assert removed_sentence(replace(diagnosis, verdict="nothing_found")) == ""
+    assert diagnosis.removed_share == 0.0
+    assert removed_sentence(Diagnosis(verdict="too_little_data")) == ""
 
 
 def test_lists_end_in_a_word() -> None:

@@ -86,6 +86,7 @@ class PageSummary:
     no_cause: str
     gains: tuple[ErrorBars, ...]
     improvement: str
+    removed: str  #: Share of the removable error that the causes remove; empty where it is not known.
     next_step: sentences.NextStep
     models: str  #: What the plain and the extended model are; empty where they are not mentioned.
     cautions: tuple[str, ...]
@@ -116,6 +117,7 @@ def summarize(report: ReportData) -> PageSummary:
         no_cause=_no_cause_sentence(report),
         gains=errors,
         improvement=f"On trials that were not fitted: {sentences.improvement_words(changes)}." if found else "",
+        removed="" if diagnosis is None else sentences.removed_sentence(diagnosis),
         next_step=step,
         models=models,
         cautions=tuple(warned),

@@ -160,6 +160,8 @@ def _show_improvement(
     if extended.model.effects:
         print_labelled(console, "Gain on trials that were not fitted:", sentences.improvement_words(errors))
     tables.held_out_table(diagnosis, base, extended).print(console, base.estimate.assumptions)
+    if removed := sentences.removed_sentence(diagnosis):
+        print_text(console, removed)
 
 
 def show_comparison(

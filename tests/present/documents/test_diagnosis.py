@@ -25,6 +25,7 @@ def test_too_little_data_says_what_is_missing_and_what_to_run(tables: Study) -> 
     assert document["base"] is None
     assert document["extended"] is None
     assert document["held_out_gain"] is None
+    assert document["removed_share"] == {"value": None, "upper_bound": False}
     assert "sines" in document["next_experiment"]["run"]
     assert "rate_scale" in document["not_identifiable"]
     assert json.loads(to_json(document))["findings"] == []

@@ -45,6 +45,7 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: ReportData) -> None:
     lost = [round(100 * (1 - gain.bars[1].share)) for gain in answer.gains]
     said = f"heading error {lost[0]} % smaller, yaw rate error {lost[1]} % smaller"
     assert answer.improvement == f"On trials that were not fitted: {said}."
+    assert re.match(r"The causes remove (all|\d\d %) of the mean square yaw rate error that a", answer.removed)
     assert answer.next_step.run
 
 
