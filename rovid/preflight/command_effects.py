@@ -374,10 +374,11 @@ def check_thrusters(trials: Sequence[Trial], vehicle: Vehicle) -> list[ThrusterC
     )
     effects = examine(logs)
     if len(logs) > 2 and any(effect.direction < 0 for effect in effects.values()):
-        # One odd log, in which a thruster failed or columns changed places, turns no arm around.
+        # One odd log, in which a thruster failed or columns changed places, turns no arm around. Nor does one that was
+        # made before the thrust faded: the others alone then give the gain the other sign.
         for at in range(len(logs)):
             for name, rest in examine([*logs[:at], *logs[at + 1 :]]).items():
-                if effects[name].direction < 0 < rest.direction:
+                if effects[name].direction < 0 < rest.gain:
                     effects[name] = replace(effects[name], is_contradicted=True)
     errors = {name: abs(one.gain / one.t_statistic) if one.t_statistic else np.inf for name, one in effects.items()}
     weights = np.array([errors[name] ** -2.0 for name in names])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -117,6 +117,24 @@ def test_many_starts_together_predict_no_gain_from_noise() -> None:
     (test,) = score_tests(FitResult(objective, np.zeros(1), 0.0), [form])
     # Together, 36 directions gain 18 from noise (chi-square); the best one alone gains a few.
     assert 0.0 < test.gain < 8.0
+
+
+@pytest.mark.parametrize("share", [0.15, 0.3, 0.45])
+def test_a_score_test_sees_a_switch_wherever_its_threshold_lies(share: float) -> None:
+    """Between two commands, 5 % of the largest one away, the likelihood has no slope."""
+    switch = effect_named("command_hysteresis:schmitt")
+    time = synthetic.clock(400.0, 5.0)
+    levels = np.outer([share - 0.05, 0.0, share + 0.05, 0.0, 0.8, 0.0, 1.0, 0.0], [1.0, -1.0]).T.ravel()
+    torque = 160.0 * np.resize(np.repeat(levels, 50), len(time))
+    acting = np.where(np.abs(torque) > 160.0 * share, torque, 0.0)
+    noise = np.random.default_rng(3).normal(0.0, 3e-4, len(time))
+    run = synthetic.run(time, torque, disturbance=acting - torque, noise=noise)
+    run = replace(run, trial=replace(run.trial, commands=torque[:, None] / 100.0))  # in V
+    plain = InnovationLikelihood(InnovationData([run], synthetic.VEHICLE, synthetic.ROSUB), 0.05)
+    current, extended = fit(plain, plain.parametrization.initial()), plain.with_effects((switch,))
+    true = fit(extended, with_more(current, 1.6 * share / extended.parametrization.units[-1]))
+    (test,) = score_tests(current, [switch])
+    assert test.gain > 0.2 * (current.value - true.value) > 5.0
 
 
 LATE = ("command_delay", "thruster_lag:spin", "slew_limit")

@@ -137,6 +137,21 @@ def test_one_odd_log_turns_no_arm_around() -> None:
     assert contradicted == [False, True, True]
 
 
+@pytest.mark.parametrize("faded", [True, False])
+def test_thrust_that_fades_turns_no_arm_around(faded: bool) -> None:
+    """Three move together, but the first rests in two logs, and the third in one. Thrust fades, or one is reversed."""
+    arms, trials = np.array([0.4, -0.4, 0.3]), []
+    for at in range(6):
+        rng, time = np.random.default_rng(at), np.arange(0.0, 240.0, 0.1)
+        commands = np.outer(np.repeat(rng.uniform(-1.0, 1.0, 80), 30), [float(at > 1), -1.0, 0.8 * (at != 1)])
+        torque = commands @ (100.0 * arms * [1.0 if faded else -1.0, 1.0, 1.0])
+        torque *= 1.0 - (0.46 + 0.04 * at if faded and at > 1 else 0.0)
+        rate = lfilter([0.1 / 200.0], [1.0, -(1.0 - 0.1 * 120.0 / 200.0)], torque + rng.normal(0.0, 5.0, 2400))
+        trials.append(Trial(name="a", path=Path("a"), time=time, position=0.1 * np.cumsum(rate), commands=commands))
+    found = check_thrusters(trials, vehicle(*arms))
+    assert [push.is_reversed for push in found] == [not faded, False, False]
+
+
 def collinear_trial(seed: int) -> Trial:
     """A slow vehicle with quadratic drag in eddies with a memory of 15 s; its three thrusters move almost together."""
     rng = np.random.default_rng(seed)
