@@ -30,7 +30,7 @@ from rovid.core.errors import DataError
 from rovid.core.spmd import forked_workers
 from rovid.diagnose.build_result import build_diagnosis, search_warnings
 from rovid.diagnose.challenge import challenge
-from rovid.diagnose.cross_validation import has_pause, missing_data, split_runs
+from rovid.diagnose.cross_validation import missing_data, split_runs
 from rovid.diagnose.formulas.search import doubt_stand_ins
 from rovid.diagnose.objectives import (
     InnovationObjective,
@@ -94,7 +94,7 @@ def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseS
     """
     return Selection(
         search=search,
-        data=objective.data if objective.multi_step or has_pause(problem.data.runs) else problem.data,
+        data=objective.data,
         base=objective.base,
         model=search.run(start),
         pieces=objective.pieces,

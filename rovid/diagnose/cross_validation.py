@@ -98,7 +98,8 @@ def min_part_length(runs: Sequence[Run], cutoff: float) -> float:
     try:
         start = fit_output_error(runs, min_sigmas=0.0)
         constant = time_constant(start, rms_rate(runs))
-        longest = sum(recorded_seconds(run.trial) for run in runs) / THRESHOLDS.min_trials
+        # Rounding costs each run half a part at most, and runs are cut where they are fewer than `min_trials`.
+        longest = sum(recorded_seconds(run.trial) for run in runs) / (1.5 * THRESHOLDS.min_trials)
         # Missing effects lengthen the time constant of the plain model: shorter parts are allowed where needed.
         shortest = max(longest, THRESHOLDS.part_time_constants_min * constant)
         shortest = min(shortest, THRESHOLDS.part_time_constants * constant)

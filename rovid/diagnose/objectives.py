@@ -17,7 +17,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget
 from rovid.core.threads import require_address_space
 from rovid.diagnose.candidate_fits import FitCache, bic_score, fit_coarse, is_plausible
-from rovid.diagnose.cross_validation import CvPiece, cv_pieces
+from rovid.diagnose.cross_validation import CvPiece, cv_pieces, has_pause
 from rovid.diagnose.signal_regressors import signal_regressors
 from rovid.diagnose.stepwise import Gains, StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
@@ -101,17 +101,13 @@ class InnovationObjective:
 
     multi_step: ClassVar[bool] = False
     data: InnovationData
+    pieces: Sequence[CvPiece]
     wave_data: InnovationData
     candidates: Sequence[Effect]
     budget: Budget
     _bases: dict[float, FitResult] = field(default_factory=dict)
     _adequate: dict[ModelKey, bool] = field(default_factory=dict)
     _caches: dict[tuple[float, int], FitCache] = field(default_factory=dict)
-
-    @property
-    def pieces(self) -> list[CvPiece]:
-        """Each run is a piece."""
-        return [CvPiece(number, -math.inf, math.inf, run) for number, run in enumerate(self.data.runs)]
 
     @property
     def base(self) -> FitResult:
@@ -300,9 +296,14 @@ def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: M
             tested[beside.key] = run_wave_test(wave_data, beside, searched, pieces)
         return tested[beside.key]
 
-    # Of runs that are not cut, the data of the search are the same object, and none of its results is computed twice.
-    searched = data if runs is prepared.items else replace(data, runs=runs)
-    innovations = InnovationObjective(data=searched, wave_data=wave_data, candidates=candidates, budget=budget)
+    searched, held_out = data, pieces
+    if runs is prepared.items or has_pause(prepared.items):
+        # A part of a log begins anew after a pause; the whole log does not.
+        searched = data if runs is prepared.items else replace(data, runs=runs)
+        held_out = [CvPiece(number, -math.inf, math.inf, run) for number, run in enumerate(searched.runs)]
+    innovations = InnovationObjective(
+        data=searched, pieces=held_out, wave_data=wave_data, candidates=candidates, budget=budget
+    )
     return SearchProblem(
         data=data, pieces=pieces, candidates=candidates, innovations=innovations, wave_test=wave_test, budget=budget
     )

@@ -35,7 +35,10 @@ FORMS: tuple[Effect, ...] = (
         form="schmitt",
         # The likelihood has a local maximum for each command near the threshold.
         parameters=(
-            replace(EFFECT.parameters[0], initial_values=(2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 18.0, 22.0, 27.0, 33.0, 40.0, 46.0)),
+            replace(
+                EFFECT.parameters[0],
+                initial_values=(2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 18.0, 22.0, 27.0, 33.0, 40.0, 46.0),
+            ),
         ),
         equation="u' = u after |u| exceeds the bench's dead zone by b, until u returns to the dead zone; else 0",
         acts=OnCommand(_latch),

@@ -27,6 +27,13 @@ def _exponent(at: Instant, p: Numbers) -> float:
     return where_nonnegative(at.relative_rate, change, -change)
 
 
+@compiled
+def _crisis(at: Instant, p: Numbers) -> float:
+    # Sixth power: from 10 to 90 % of the loss the rate doubles, as the Reynolds number does for a cylinder.
+    share = math.pow(abs(at.relative_rate) / p[1], 6.0)
+    return p[0] * share / (1.0 + share) * at.body.quadratic_drag * abs(at.relative_rate) * at.relative_rate
+
+
 EFFECT: Effect = Effect(
     id="drag_curvature",
     title="curvature of the drag",
@@ -56,5 +63,24 @@ FORMS: tuple[Effect, ...] = (
         ),
         equation="DQ·r0²·(|r|/r0)^e·sign(r) in place of DQ·|r|·r, r0 = 0.3 rad/s",
         acts=Term(_exponent),
+    ),
+    replace(
+        EFFECT,
+        form="crisis",
+        parameters=(
+            # The likelihood has a local maximum on either side of the critical rate.
+            EffectParameter(name="loss", unit="1", high=0.9, initial_values=(0.3, 0.3, 0.3, 0.6, 0.6, 0.6)),
+            EffectParameter(
+                name="critical_rate",
+                unit="rad/s",
+                neutral=1.0,
+                low=0.3,
+                high=2.5,
+                initial_values=(0.5, 0.7, 1.0, 0.5, 0.7, 1.0),
+                scale="rate",
+            ),
+        ),
+        equation="DQ·(1 − g·s/(1 + s)) in place of DQ, s = (|r|/rc)⁶",
+        acts=Term(_crisis),
     ),
 )

@@ -68,14 +68,12 @@ def problem_of(
     wave_test: Callable[[FitResult], WaveTest] = without_waves,
 ) -> SearchProblem:
     budget = Budget(report=report)
-    innovations = InnovationObjective(data=data, wave_data=thin_for_waves(data), candidates=CANDIDATES, budget=budget)
+    pieces = cv_pieces(data.runs, synthetic.LOGGED, 1.0)
+    innovations = InnovationObjective(
+        data=data, pieces=pieces, wave_data=thin_for_waves(data), candidates=CANDIDATES, budget=budget
+    )
     return SearchProblem(
-        data=data,
-        pieces=cv_pieces(data.runs, synthetic.LOGGED, 1.0),
-        candidates=CANDIDATES,
-        innovations=innovations,
-        wave_test=wave_test,
-        budget=budget,
+        data=data, pieces=pieces, candidates=CANDIDATES, innovations=innovations, wave_test=wave_test, budget=budget
     )
 
 

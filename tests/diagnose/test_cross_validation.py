@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
+from rovid.core.budget import Budget
+from rovid.diagnose import cross_validation
 from rovid.diagnose.cross_validation import (
     CvPiece,
     cross_validate,
@@ -20,14 +22,16 @@ from rovid.diagnose.cross_validation import (
     position_std_after,
     rate_floor,
     simulate_folds,
+    split_runs,
 )
+from rovid.diagnose.objectives import pose
 from rovid.diagnose.selection import Selection
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.model.model import Model
-from rovid.trial.preprocessing import Run
+from rovid.trial.preprocessing import PreparedRuns, Run
 from rovid.trial.rates import compute_rates
 from tests import synthetic
 from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased, weakened
@@ -40,6 +44,33 @@ PUSHED = np.where(MINUTES < 60.0, 100.0, -100.0)
 def runs_of(torque: FloatArray, disturbance: FloatArray | None = None) -> list[Run]:
     noise = 1e-4 * np.random.default_rng(1).normal(size=len(MINUTES))
     return [synthetic.run(MINUTES, torque, disturbance=disturbance, noise=noise) for _ in range(4)]
+
+
+@pytest.mark.parametrize("pause", [0.0, 1500.0])
+def test_few_logs_are_searched_whole_unless_one_has_a_pause(pause: float) -> None:
+    """A part begins anew: what the water did before its start is unknown to the filter. So it is after a pause."""
+    time = synthetic.clock(400.0)
+    time = np.where(time > 200.0, time + pause, time)
+    noise = np.random.default_rng(2).normal(0.0, 1e-4, len(time))
+    run = synthetic.run(time, 100.0 * np.sign(np.sin(0.1 * time)), noise=noise)
+    run = replace(run, trial=replace(run.trial, commands=run.torque[:, None] / 100.0))  # in V
+    vehicle = synthetic.VEHICLE
+    prepared = PreparedRuns(items=(run,), cutoff=0.5, chosen=True, remarks=())
+    parts = split_runs(prepared.items, vehicle, 0.5)
+    assert parts is not None
+    problem = pose(prepared, parts.items, vehicle, synthetic.ROSUB, Budget())
+    searched = problem.innovations
+    assert (searched.data is problem.data) == (not pause)
+    assert len(searched.data.runs) == (len(parts.items) if pause else 1)
+    assert len(searched.pieces) == len(parts.items)
+
+
+def test_three_logs_of_five_time_constants_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under a large constant torque the plain model has little drag, and a long time constant."""
+    monkeypatch.setattr(cross_validation, "time_constant", lambda *_: 25.0)
+    parts = split_runs(runs_of(PUSHED)[:3], synthetic.LOGGED, CUTOFF)
+    assert parts is not None
+    assert len(parts.items) == 6
 
 
 def test_driven_and_moving_runs_are_enough_data() -> None:

@@ -251,12 +251,22 @@ def test_causes_next_to_which_a_product_pays_are_doubted(
     found.model, found.grammar = None, SimpleNamespace(products=products, price=lambda _: 3.0)
     monkeypatch.setattr(found, "rival", lambda: SimpleNamespace(signals=("rate",)))
     monkeypatch.setattr(search, "FormulaSearch", lambda *_, with_sizes: found if with_sizes else None)
-    cause: Any = SimpleNamespace(id="lag", key="lag", title="lag")
+    cause: Any = SimpleNamespace(id="lag", key="lag", title="lag", is_wave=False)
     model = SimpleNamespace(effects=(cause,), canonical=lambda: None)
     selection: Any = SimpleNamespace(model=model, multi_step=False, waves=None, is_out_of_time=False)
     selection.with_message = selection.ban = lambda *_: selection
     doubted: Any = search.doubt_stand_ins(cause, selection)
     assert doubted == ["lag"] if is_doubted else doubted is selection
+
+
+def test_no_formula_challenges_waves() -> None:
+    """The search for formulas leaves waves out: any formula would beat a model without them."""
+    problem: Any = None
+    wave = next(one for one in CATALOGUE if one.id == "wave_torque")
+    selection: Any = SimpleNamespace(
+        model=SimpleNamespace(effects=(wave,)), multi_step=False, waves=None, is_out_of_time=False
+    )
+    assert search.doubt_stand_ins(problem, selection) is selection
 
 
 @pytest.mark.parametrize("with_sizes", [False, True])

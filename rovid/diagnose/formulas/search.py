@@ -335,10 +335,11 @@ def doubt_stand_ins(problem: SearchProblem, selection: Selection) -> Selection:
     """The ``selection`` without its causes if a formula in their place predicts held-out trials better.
 
     Only a one-step model that still lacks a torque, or a product of signals, is challenged. The causes are suspects
-    then.
+    then. Waves have no law that a formula could replace.
     """
     causes = [effect for effect in selection.model.effects if not is_signal(effect)]
-    if not causes or selection.multi_step or selection.waves is not None or selection.is_out_of_time:
+    has_waves = selection.waves is not None or any(cause.is_wave for cause in causes)
+    if not causes or has_waves or selection.multi_step or selection.is_out_of_time:
         return selection
     search = FormulaSearch(problem, selection.model, with_sizes=True)
     is_doubtful = lacks_torque(selection.model.canonical()) or search.lacks_product
