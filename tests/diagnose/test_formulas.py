@@ -358,6 +358,21 @@ def test_the_effect_file_holds_an_oscillation_and_what_acts_now_times_the_past()
         assert (total, *derivatives) == pytest.approx(expected)
 
 
+def test_a_memory_over_the_swept_angle_stands_still_with_the_vehicle() -> None:
+    wake = Product((factor("rate", "sign"),), "swept_memory", (0.5,), (factor("rate", "square"),))
+    time, rate = np.linspace(0.0, 6.0, 61), np.repeat([0.4, 0.0, -0.4], [20, 21, 20])
+    swept = 0.4 * 2.0  # rad until the vehicle stops; it turns back from 4.1 s on
+    before, back = 1.0 - np.exp(-swept / 0.5), np.exp(-0.4 * (time[41:] - 4.1) / 0.5)
+    expected = np.concatenate((1.0 - np.exp(-0.4 * time[:20] / 0.5), np.zeros(21), (1.0 + before) * back - 1.0))
+    np.testing.assert_allclose(wake.values({"rate": rate}, time), rate**2 * expected, atol=1e-6)
+    assert wake.text_with(["0.5 rad"]) == "rate*rate*swept_memory(tanh(rate/0.02), 0.5 rad)"
+    acts = effect_of(effect_source((wake,), (1.0,), UNITS, name="mine", axis="yaw")).acts
+    assert isinstance(acts, Term)
+    at = Instant(-0.3, -0.3, 1.0, 0.4, 10.0, 0.0, 0.0, 0.0, Body(5000.0, 3500.0, 130.0))
+    total, derivatives = acts.evaluate(at, (5.0, 0.5), (0.8,))
+    assert (total, *derivatives) == pytest.approx((5.0 * 0.09 * 0.8, 0.3 * (-1.0 - 0.8) / 0.5))
+
+
 @pytest.mark.parametrize("operator", ["limit", "play", "root_limit", "root_play"])
 def test_an_actuator_without_limits_leaves_no_torque(operator: str) -> None:
     """The effect file holds the operator's output less the torque, as the grammar's own values."""

@@ -141,11 +141,13 @@ class Operator(NamedTuple):
     #: Code of the derivatives of its states x0 and x1, of which the first is the output; u is the value, c0 and c1 are
     #: the constants. Without states it acts on the series of a trial.
     derivatives: tuple[str, ...] = ()
-    fastest: str = ""  #: Code of the fastest rate of change of the states in 1/s.
+    fastest: str = ""  #: Code of the fastest rate of change of the states in 1/s; empty: no faster than the motion.
+    of_swept: bool = False  #: Whether the swept angle takes the place of the time: a wake is left behind by distance.
 
 
 OPERATORS = {
     "memory": Operator({"tau": "s"}, remembered, ("({u} - {x0}) / {c0}",), "1.0 / {c0}"),
+    "swept_memory": Operator({"swept": "rad"}, remembered, ("abs(at.rate) * ({u} - {x0}) / {c0}",), of_swept=True),
     "oscillation": Operator(
         {"frequency": "rad/s", "damping": "1"},
         oscillated,
@@ -247,7 +249,10 @@ class Product:
         inside = np.asarray(np.nan_to_num(inside))
         if not self.operator:
             return inside
-        past = OPERATORS[self.operator].function(time, inside, *self.constants)
+        operator, clock = OPERATORS[self.operator], time
+        if operator.of_swept:
+            clock = np.concatenate(([0.0], np.cumsum(np.abs(series["rate"][:-1]) * np.diff(time))))
+        past = operator.function(clock, inside, *self.constants)
         return np.asarray(np.nan_to_num(beside * past) - inside * self.is_change)
 
 
@@ -384,6 +389,13 @@ def _products(signals: Mapping[str, Factor], time_constant: float) -> list[Produ
         for now, one in product(own, own)
         for shape in ("size", "square")
         for memory in memories
+    ]
+    # Water that the vehicle meets again, as after a reversal: its own wake, which it leaves behind by distance.
+    angle = signals["rate"].scale / _SIGN_SHARE * time_constant
+    slow += [
+        Product((replace(own[0], shape=inside),), "swept_memory", (share * angle,), (replace(own[0], shape=outside),))
+        for outside, inside in (("linear", "linear"), ("square", "sign"))
+        for share in _MEMORIES
     ]
     slow += [Product((signals["rate"],), "oscillation", (w / time_constant, _DAMPING)) for w in _FREQUENCIES]
     if torque := signals.get("thruster_torque"):
