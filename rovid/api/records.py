@@ -113,6 +113,7 @@ def simulation_record(
     if isinstance(study, PlanarStudy):
         coupled = study.model(stored)
         runs = coupled_runs = study.simulate(coupled)
+        _require_finite(runs, stored, study)
         found = run_manoeuvres(coupled, study.data)
         document = results.planar_simulation_document(stored, coupled_runs, warnings, guess, found)
     elif logs.runs is None:
@@ -121,7 +122,7 @@ def simulation_record(
         model = stored.model()
         study.require_effects(model.effects)
         runs = single_runs = simulate_runs(logs.runs.items, model, logs.vehicle)
-        _require_finite(single_runs, stored, study)
+        _require_finite(runs, stored, study)
         document = results.simulation_document(stored, single_runs, warnings, guess) | {"recordings": []}
 
     def show(console: Console) -> None:
@@ -159,9 +160,15 @@ def simulation_record(
     )
 
 
-def _require_finite(runs: Sequence[TrialSimulation], stored: Parameters, study: Study) -> None:
+def _require_finite(
+    runs: Sequence[TrialSimulation | PlanarTrialSimulation], stored: Parameters, study: Study | PlanarStudy
+) -> None:
     """Raises ConfigError, with the unusual values, if a simulation with the parameters ``stored`` has no numbers."""
-    failed = [one.run.trial.name for one in runs if not np.isfinite(one.position).all()]
+    failed = [
+        one.run.trial.name
+        for one in runs
+        if not np.isfinite(one.position if isinstance(one, TrialSimulation) else one.motion.through_water).all()
+    ]
     if failed:
         unusual = " ".join(study.unusual_values(stored)) or "No single value is unusual for these logs."
         text = f"gives no finite simulation of {shortened_list(failed)}. {unusual}"

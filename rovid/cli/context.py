@@ -220,7 +220,7 @@ def without_stale_values(stored: Parameters, study: Study) -> tuple[Parameters, 
     return stored.cleared(), [note]
 
 
-def require_fresh(stored: Parameters, study: Study | None) -> list[str]:
+def require_fresh(stored: Parameters, study: Study | PlanarStudy | None) -> list[str]:
     """Remarks on a parameter file. Raises ConfigError if its inputs changed."""
     from rovid.store.checks import check_freshness
 
@@ -231,7 +231,7 @@ def require_fresh(stored: Parameters, study: Study | None) -> list[str]:
     return [*freshness.remarks, *(study.unusual_values(stored) if study else ())]
 
 
-def model_assumptions(stored: Parameters, study: Study | None) -> Assumptions:
+def model_assumptions(stored: Parameters, study: Study | PlanarStudy | None) -> Assumptions:
     """Guesses about the vehicle that the parameters and the logs depend on."""
     from rovid.trial.assumptions import Assumptions
 
@@ -242,7 +242,9 @@ def model_assumptions(stored: Parameters, study: Study | None) -> Assumptions:
     return study.vehicle.assumptions if study.provenance.logs == stored.logs else own | study.vehicle.assumptions
 
 
-def require_usable(stored: Parameters, study: Study | None, *, force: bool) -> tuple[list[str], Assumptions]:
+def require_usable(
+    stored: Parameters, study: Study | PlanarStudy | None, *, force: bool
+) -> tuple[list[str], Assumptions]:
     """Remarks on a file, and its guesses. Raises ConfigError if inputs changed or, unless forced, there are guesses."""
     remarks, assumptions = require_fresh(stored, study), model_assumptions(stored, study)
     if assumptions and not force:

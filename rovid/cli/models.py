@@ -29,9 +29,9 @@ def simulate(logs: list[Path] | None = None, *, mcap: Path | None = None, shared
     stored, document = context.existing_parameters(shared, planar=planar), dict[str, Any]()
     if planar:
         coupled = context.open_planar_logs(logs or context.stored_logs(stored))
-        remarks = context.require_fresh(stored, coupled.logs)
+        remarks = context.require_fresh(stored, coupled)
         with progress("Simulating …"):
-            assumptions = context.model_assumptions(stored, coupled.logs)
+            assumptions = context.model_assumptions(stored, coupled)
             record = simulation_record(stored, coupled, remarks, assumptions)
     else:
         from rovid.present.residuals import recording_outputs, write_recordings
@@ -140,7 +140,7 @@ def export(
         else:
             logs = context.open_logs(stored.logs, None, stored.axis)
             logs.vehicle.require_no_rudder("the format")
-    remarks, assumptions = context.require_usable(stored, logs, force=shared.force)
+    remarks, assumptions = context.require_usable(stored, coupled or logs, force=shared.force)
     with progress("Simulating …"):
         subject = planar_input(stored, coupled) if planar else export_input(stored, logs)
         exported = verified_export(exporter, replace(subject, guess=assumptions))

@@ -21,6 +21,7 @@ from rovid.diagnose.result import Conclusion, Finding
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.effects.base import Coupling, WaterCurrent
+from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import add_effect, planar_candidates, with_hull_lift
@@ -254,16 +255,13 @@ def _result(
     established, final, fit, small = _fitted_to_all_readings(search, final, established)
     messages += small
     base_fit = fit if not search.causes(final) else planar_result(data, search.base)
-    findings, suspects = [], []
-    for one in established:
-        own = fit.estimate.only(one.effect.parameter_names)
-        findings.append(replace(one, estimate=own, is_complete=not late))
+    findings = [replace(_stated(one, fit.estimate, final), is_complete=not late) for one in established]
+    suspects = []
     likely = planar_result(data, model).estimate if len(findings) < len(tested) else fit.estimate
     for one in tested:
         if one not in established:
-            own = likely.only(one.effect.parameter_names)
             probability = min(one.probability, THRESHOLDS.max_suspect_probability)
-            suspects.append(replace(one, estimate=own, probability=probability, is_complete=not late))
+            suspects.append(replace(_stated(one, likely, model), probability=probability, is_complete=not late))
     rivals = [one for one in likelier if apart and one.effect.id not in {own.effect.id for own in tested}]
     suspects += [*rivals, *_further(search, gate, model, {one.effect.id for one in (*tested, *rivals)})]
     share = _ONE_OF_TWO if apart else 1.0
@@ -300,6 +298,12 @@ def _result(
         warnings=tuple(warnings),
         budget=search.budget.use,
     )
+
+
+def _stated(one: Finding, estimate: Estimate, model: PlanarOptimum) -> Finding:
+    """A cause with its size, and the distance of that from nothing, by the stated ``estimate`` of the ``model``."""
+    size = size_in_errors(one.effect, estimate, model.coordinates.sizes.effects)
+    return replace(one, estimate=estimate.only(one.effect.parameter_names), standard_errors=size)
 
 
 def _fitted_to_all_readings(
@@ -376,8 +380,8 @@ def _further(search: PlanarSearch, gate: Gate, model: PlanarOptimum, known: Coll
         is_worse = max(growths.values()) > THRESHOLDS.held_out_growth
         if one.held_out_gain <= THRESHOLDS.min_held_out_gain or is_worse or fitted.is_at_bound(effect):
             continue
-        estimate = planar_result(search.data, fitted).estimate.only(effect.parameter_names)
-        found.append(replace(one, estimate=estimate, probability=probability))
+        own = _stated(one, planar_result(search.data, fitted).estimate, fitted)
+        found.append(replace(own, probability=probability))
     return found
 
 

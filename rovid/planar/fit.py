@@ -146,7 +146,10 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     # Wide smoothing leaves the least of the forces, but may leave no inertia: the sizes come from a start that
     # simulates the runs nearly as well as any.
     scores = [mean_free_run_r2(start.model, data, yaw_only=yaw_only) for start in starts]
-    usable = [at for at, score in enumerate(scores) if score >= max(scores) - _WORSE_START]
+    # One with the mass of the rigid body has to explain something: the thrust curve may be off.
+    kept = [at for at, (one, score) in enumerate(zip(starts, scores, strict=True)) if score > 0.0 or not one.is_heavy]
+    best_score = max(scores[at] for at in kept)
+    usable = [at for at in kept if scores[at] >= best_score - _WORSE_START]
     in_current = start_values(data, with_current=True)
     sizes = planar_sizes(data, in_current[min(usable, key=lambda at: in_current[at].residual)])
     sensors = tuple(name for name in data.sensors if not yaw_only or name in {"heading", "yaw_rate"})
@@ -159,7 +162,7 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     # The likelihood of a start says little where the model is badly wrong: the best regression and the start that
     # simulates best are always followed.
     regressed = min(usable, key=lambda at: starts[at].residual)
-    likely = min(range(len(starts)), key=lambda at: likelihood.value(points[at]))
+    likely = min(kept, key=lambda at: likelihood.value(points[at]))
     hidden = has_hidden_sway(data) and not yaw_only
     followed = [points[at] for at in dict.fromkeys([likely] if hidden else [likely, regressed])]
     runs = None if yaw_only else FreeRuns.of(data, sizes)

@@ -219,6 +219,17 @@ class CriterionRows(NamedTuple):
     sensor: IntArray  #: (N,) index in `SENSORS`; of a smoothed speed that of the sensor of that speed.
 
 
+def stacked(free: BoolArray, pieces: Sequence[Jacobian], count: int) -> FloatArray:
+    """(2 count, p) derivatives of normalised innovations and variances by all coordinates; zero but for ``free`` ones.
+
+    ``pieces`` are the Jacobians by these, as of `PlanarLikelihood.jacobian`.
+    """
+    matrix = np.zeros((2 * count, len(free)))
+    for piece in pieces:
+        matrix[piece.rows, :][:, free], matrix[count:][piece.rows, :][:, free] = np.split(piece.matrix, 2)
+    return matrix
+
+
 @dataclass(frozen=True, eq=False)
 class PlanarLikelihood:
     """Negative log-likelihood of each reading, predicted from all readings before it; docs/method.md, (12)."""

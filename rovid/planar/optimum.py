@@ -32,7 +32,7 @@ from rovid.estimate.fisher_information import (
 from rovid.estimate.levenberg_marquardt import bounded_step, updated_damping, with_bfgs_updates
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, REAL_DISTURBANCE_LIMIT
 from rovid.planar.coordinates import PlanarCoordinates
-from rovid.planar.likelihood import PlanarLikelihood
+from rovid.planar.likelihood import PlanarLikelihood, stacked
 from rovid.planar.model import SENSORS, PlanarModel
 
 # Steps, least gain of log-likelihood (nats) for which another step is taken, and the damping: first, largest, factor.
@@ -41,6 +41,9 @@ _FIRST_DAMPING, _MAX_DAMPING, _MORE_DAMPING = 1e-3, 1e7, 10.0
 # Dampings that are tried at once, and largest change of a coordinate in one step, in units of its scale.
 _AT_ONCE, _MAX_CHANGE = 2, 1.0
 _BFGS_PAIRS = 8
+# Most steps without a Jacobian of their own after each step with one: each takes one pass of the filter. Where they
+# gain less than this share of that step, the next one has none: their share of the passes.
+_CHORDS, _CHORD_SHARE = 5, 0.25
 # Starts of an effect that are followed for some steps.
 _CONTINUED = 3
 # Length of a block in time constants, usual number of blocks in all runs, and the least number.
@@ -68,9 +71,10 @@ class PlanarOptimum:
         innovations = likelihood.evaluate(x)
         value, damping = likelihood.value_of(innovations), _FIRST_DAMPING
         history: list[tuple[FloatArray, FloatArray]] = []
-        small = 0
+        small, with_chords = 0, True
         for _ in range(iterations):
-            gradient, information = likelihood.equations(x, innovations)
+            free, pieces = likelihood.jacobian(x, innovations)
+            gradient, information = likelihood.equations_of(free, pieces)
             # A model that diverges has no gradient, or one whose squares overflow.
             with np.errstate(over="ignore", invalid="ignore"):
                 if not (np.isfinite(information @ information).all() and np.isfinite(gradient).all()):
@@ -82,11 +86,19 @@ class PlanarOptimum:
             found = _step(likelihood, x, value, gradient, corrected, damping)
             if found is None:
                 break
-            small = small + 1 if value - found[1] < _TOLERANCE else 0
+            gain = value - found[1]
+            small = small + 1 if gain < _TOLERANCE else 0
             x, value, damping, innovations = found
             # After a small gain by a nearly undamped step that was as good as expected, the next gain is far smaller.
             if small > 1 or (small and damping < _FIRST_DAMPING):
                 break
+            if not with_chords:
+                with_chords = True
+                continue
+            chord = chord_fit(likelihood, x, stacked(free, pieces, len(innovations.error)), steps=_CHORDS)
+            with_chords = value - chord.value > _CHORD_SHARE * gain
+            if chord.value < value:
+                x, value, innovations = chord.x, chord.value, likelihood.evaluate(chord.x)
         return cls(likelihood, x, value)
 
     @property
@@ -225,6 +237,9 @@ class PlanarOptimum:
         likelihood = self.likelihood.with_coordinates(coordinates)
         at = self.coordinates.noise_begin
         starts = [np.concatenate((self.x[:at], own, self.x[at:])) for own in effect.initial_values]
+        if effect.initial_values:
+            nested = neutral_values(effect, effect.initial_values[0])
+            starts.append(np.concatenate((self.x[:at], nested, self.x[at:])))
         starts = [coordinates.projected(start) for start in (*starts, *further)]
         first = starts[0]
         if len(starts) > 1:
@@ -282,10 +297,7 @@ class Linearisation:
         """
         centre = optimum.likelihood.evaluate(optimum.x)
         free, pieces = optimum.likelihood.jacobian(optimum.x, centre)
-        count = len(centre.error)
-        matrix = np.zeros((2 * count, len(optimum.x)))
-        for piece in pieces:
-            matrix[piece.rows, :][:, free], matrix[count:][piece.rows, :][:, free] = np.split(piece.matrix, 2)
+        matrix = stacked(free, pieces, len(centre.error))
         if not np.isfinite(matrix).all():
             text = "the coupled model fits these logs so badly that causes cannot be tested: the filter diverges."
             raise DataError(text, mend="Run `rovid check --axes planar`, and `rovid diagnose` for yaw alone.")

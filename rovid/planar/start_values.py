@@ -19,6 +19,7 @@ from rovid.planar.equations import SURGE
 from rovid.planar.likelihood import MAX_COUPLING, PlanarGrid, PlanarLikelihood
 from rovid.planar.model import BASE_COUNT, INPUT_COUNT, RUDDER_INPUTS, PlanarModel, RudderModel
 from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.regression import regression, unit_rudder_forces
 
 # Widths of the smoothing kernel in intervals of the slowest sensor.
 _WIDTHS, _FEW_WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0), (2.0, 4.0, 8.0)
@@ -55,6 +56,7 @@ class StartValues:
     speed: FloatArray
     time: FloatArray
     residual: float  #: Share of the variance of the forces that the regression leaves.
+    is_heavy: bool = False  #: Whether the inertias are those of the rigid body at least.
 
 
 def planar_rudders(data: dataset.PlanarData) -> tuple[RudderModel, ...]:
@@ -71,6 +73,8 @@ def planar_rudders(data: dataset.PlanarData) -> tuple[RudderModel, ...]:
 def start_values(data: dataset.PlanarData, *, with_current: bool, with_place: bool = False) -> list[StartValues]:
     """Starts of the fit by several widths of the smoothing, and by the prior if there is one, which is the last.
 
+    Noise of the accelerations makes fitted inertias too small. Where the mass is known, each width has a second start.
+
     Raises
     ------
     DataError
@@ -83,9 +87,13 @@ def start_values(data: dataset.PlanarData, *, with_current: bool, with_place: bo
         if dataset.has_hidden_sway(data):
             slips = np.array([rudder.slipstream for rudder in start.model.rudders])
             every, rudders = np.ones(3, dtype=bool), start.model.rudders
-            rows = min(_with_sway(runs, start), key=lambda rows: _regression(rows, every, rudders, slips)[0])
+            rows = min(_with_sway(runs, start), key=lambda rows: regression(rows, every, rudders, slips)[0])
             start = _start(data, rows, every, with_current=False)
         found.append(start)
+        if (mass := data.vehicle.mass) is not None and axes[:2].all():
+            own = rows.from_place(start.place).in_current(*start.current)
+            heavy = _start(data, own, axes, with_current=False, mass=mass)
+            found.append(replace(heavy, current=start.current, place=start.place, is_heavy=True))
     if not found:
         text = f"the runs are too short: {max(run.duration for run in data.runs):.1f} s at most."
         raise DataError(text, mend="Give longer logs, or readings at a higher rate.")
@@ -134,7 +142,7 @@ def _with_sway(runs: Sequence[dataset.SmoothRun], start: StartValues) -> Iterato
         for run in runs:
             side = run.inputs[:, 1] - mass * run.speeds[:, 0] * run.speeds[:, 2]
             for at, rudder in enumerate(rudders):
-                side = side + lift * _unit_rudder_forces(rudder, rudder.slipstream, run, at)[:, 1]
+                side = side + lift * unit_rudder_forces(rudder, rudder.slipstream, run, at)[:, 1]
             push = side / (ratio * mass)
             decay = math.exp(-float(run.time[1] - run.time[0]) / constant)
             sway = lfilter([0.0, constant * (1.0 - decay)], [1.0, -decay], push)
@@ -145,7 +153,13 @@ def _with_sway(runs: Sequence[dataset.SmoothRun], start: StartValues) -> Iterato
 
 
 def _start(
-    data: dataset.PlanarData, rows: dataset.SmoothRun, axes: BoolArray, *, with_current: bool, with_place: bool = False
+    data: dataset.PlanarData,
+    rows: dataset.SmoothRun,
+    axes: BoolArray,
+    *,
+    with_current: bool,
+    with_place: bool = False,
+    mass: float = 0.0,
 ) -> StartValues:
     rudders = planar_rudders(data)
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
@@ -161,7 +175,7 @@ def _start(
         angles = np.arange(_CURRENT_DIRECTIONS) * 2.0 * math.pi / _CURRENT_DIRECTIONS
         currents += [(size * s * math.cos(a), size * s * math.sin(a)) for s in _CURRENT_SHARES for a in angles]
     for ahead, here, slips in product(places, currents, _slipstreams(rudders, rows)):
-        residual, fitted = _regression(rows.from_place(ahead).in_current(*here), axes, rudders, slips)
+        residual, fitted = regression(rows.from_place(ahead).in_current(*here), axes, rudders, slips, mass)
         if residual < best:
             best, values, slipstreams, current, place = residual, fitted, slips, here, ahead
     relative = rows.from_place(place).in_current(*current)
@@ -194,7 +208,7 @@ def with_own_sizes(best: PlanarOptimum, data: dataset.PlanarData) -> PlanarOptim
         rows.speeds[:, 1] = np.interp(rows.time, time, sway)
         rows.accelerations[:, 1] = np.gradient(rows.speeds[:, 1], rows.time)
         for at, rudder in enumerate(model.rudders):
-            rows.inputs[:, :INPUT_COUNT] += rudder.lift * _unit_rudder_forces(rudder, rudder.slipstream, rows, at)
+            rows.inputs[:, :INPUT_COUNT] += rudder.lift * unit_rudder_forces(rudder, rudder.slipstream, rows, at)
         runs.append(rows)
     rows = dataset.SmoothRun.stacked(runs, _MOST_POINTS)
     _, force, time = _plausible(model.base, rows, np.ones(3, dtype=bool), 0.0)
@@ -216,83 +230,6 @@ def _slipstreams(rudders: tuple[RudderModel, ...], rows: dataset.SmoothRun) -> l
     usual = np.sqrt(np.mean(thrust**2, axis=0))
     free = np.where(usual > 0.0, squared / np.maximum(usual, 1e-300), 0.0)
     return [np.where(given > 0.0, given, share * free) for share in (0.0, 0.5, 1.5)]
-
-
-def _regression(
-    rows: dataset.SmoothRun, axes: BoolArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
-) -> tuple[float, FloatArray]:
-    """Share of the variance left, and (10 + rudders,) base parameters and lifts, by bounded least squares.
-
-    One equation after the other, each with what the equations before it gave: an axis without an actuator, as sway
-    often is, takes its scale from the centripetal force of surge. Fossen 2011, equation 6.57.
-    """
-    u, v, r = rows.speeds.T
-    du, dv, dr = rows.accelerations.T
-    forces = rows.inputs[:, :INPUT_COUNT]
-    units = [_unit_rudder_forces(rudder, float(slipstreams[at]), rows, at) for at, rudder in enumerate(rudders)]
-    values = np.zeros(BASE_COUNT + len(rudders))
-    values[BASE_COUNT:] = [rudder.lift for rudder in rudders]
-    left = []
-    if axes[0]:
-        # The inertia and damping of surge; what the sway and the turn add is left to its own coefficients.
-        columns = [du, u, np.abs(u) * u, -v * r, -r * r, *[-unit[:, 0] for unit in units]]
-        found, share = _bounded(columns, forces[:, 0], free=(3, 4))
-        values[[0, 4, 7]] = found[:3]
-        left.append(share)
-    if axes[1]:
-        columns = [dv, v, np.abs(v) * v, dr, *[-unit[:, 1] for unit in units]]
-        found, share = _bounded(columns, forces[:, 1] - values[0] * u * r, free=(3,))
-        values[[1, 5, 8, 3]] = found[:4]
-        if not forces[:, 2].any():
-            values[BASE_COUNT:] = np.where(values[BASE_COUNT:] > 0.0, values[BASE_COUNT:], found[4:])
-        left.append(share)
-    munk = (values[0] - values[1]) * u * v - values[3] * (dv + u * r)
-    known = sum((lift * unit[:, 2] for lift, unit in zip(values[BASE_COUNT:], units, strict=True)), np.zeros(len(u)))
-    columns = [dr, r, np.abs(r) * r]
-    if forces[:, 2].any():
-        columns += [-unit[:, 2] for unit in units]
-        known = np.zeros(len(u))
-    found, share = _bounded(columns, forces[:, 2] + munk + known, free=())
-    values[[2, 6, 9]] = found[:3]
-    if len(found) > 3:
-        values[BASE_COUNT:] = found[3:]
-    left.append(share)
-    return float(np.mean(left)), values
-
-
-def _bounded(columns: Sequence[FloatArray], target: FloatArray, free: tuple[int, ...]) -> tuple[FloatArray, float]:
-    """Coefficients of 0 or more, ``free`` ones of either sign, and the share of the target's power that is left."""
-    from scipy.optimize import nnls  # The import takes long.
-
-    matrix = np.column_stack(columns)
-    scale = np.sqrt(np.mean(matrix**2, axis=0))
-    used = np.flatnonzero(scale > 1e-12 * max(float(scale.max()), 1e-300))
-    values, power = np.zeros(len(scale)), float(target @ target)
-    if not power > 0.0 or not used.size:
-        return values, 1.0
-    size = math.sqrt(power / len(target))
-    # Triangular equations with the free coefficients first: the others do not depend on them.
-    is_free = np.isin(used, free)
-    used, count = np.concatenate((used[is_free], used[~is_free])), int(is_free.sum())
-    root = np.asarray(np.linalg.qr(np.column_stack((matrix[:, used] / scale[used], target / size)), mode="r"))
-    signed, left = nnls(root[count:, count:-1], root[count:, -1]) if count < len(used) else (np.zeros(0), root[-1, -1])
-    above = root[:count, -1] - root[:count, count:-1] @ signed
-    either = np.linalg.lstsq(root[:count, :count], above, rcond=None)[0]
-    values[used] = np.concatenate((either, signed)) * size / scale[used]
-    return values, float(left) ** 2 * size**2 / power
-
-
-def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: dataset.SmoothRun, number: int) -> FloatArray:
-    """(g, 3) forces of a rudder with a lift of 1; as `rovid.planar.equations.forces`."""
-    u, v, r = rows.speeds.T
-    angle, thrust = rows.inputs[:, INPUT_COUNT + RUDDER_INPUTS * number :][:, :RUDDER_INPUTS].T
-    x, y = rudder.position
-    along, across = u - y * r, v + x * r
-    ahead = along * np.abs(along) + slipstream * np.maximum(thrust, 0.0)
-    attack = np.sign(ahead) * angle + np.arctan2(across, np.sqrt(np.abs(ahead)))
-    normal = (np.abs(ahead) + across**2) * np.sin(np.clip(attack, -rudder.stall, rudder.stall))
-    fx, fy = -normal * np.sin(angle), -normal * np.cos(angle)
-    return np.column_stack((fx, fy, x * fy - y * fx))
 
 
 def _plausible(

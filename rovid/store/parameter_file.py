@@ -265,6 +265,10 @@ class Parameters:
                 found = f"{values[name]:.6g} {parameter.unit}".removesuffix(" 1")
                 yield effect.key, f"{name} is {found}; {wanted}"
 
+    def unusual_values(self, effects: Iterable[Effect], scales: Scales) -> list[str]:
+        """A sentence for each value far beyond its bounds for logs of these ``scales``."""
+        return [f"{text} is usual for these logs." for _, text in self.values_beyond_bounds(effects, scales)]
+
     def _plugins_in_use(self) -> dict[str, Origin]:
         ids = {key.partition(":")[0] for key in self.effects}
         return {name: one for name, one in self.plugins.items() if name in ids}

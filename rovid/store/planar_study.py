@@ -23,7 +23,7 @@ from rovid.planar.experiment import PlanarPlan, plan_planar
 from rovid.planar.fit import PlanarFit, fit_all_readings, fit_planar
 from rovid.planar.likelihood import PlanarPrior, PriorValue
 from rovid.planar.model import BASE_COUNT, SNAME, PlanarModel, RudderModel
-from rovid.planar.start_values import planar_rudders
+from rovid.planar.start_values import planar_rudders, planar_sizes, start_values
 from rovid.planar.trial_simulation import PlanarTrialSimulation, simulate_planar_trials
 from rovid.readers import read_campaign
 from rovid.store.load import read_parameters
@@ -221,6 +221,13 @@ class PlanarStudy:
     def remarks(self) -> list[str]:
         """Remarks on the logs, including everything that was dropped."""
         return self.logs.remarks()
+
+    def unusual_values(self, stored: Parameters) -> list[str]:
+        """A sentence for each value of an effect that is far beyond its bounds for these logs."""
+        if not stored.effects:
+            return []
+        start = min(start_values(self.data, with_current=False), key=lambda one: one.residual)
+        return stored.unusual_values(map(planar_effect, stored.effects), planar_sizes(self.data, start).effects)
 
     def fit(self, effects: Sequence[Effect] = ()) -> PlanarFit:
         """Fit of the coupled model with ``effects``; see `fit_planar`.

@@ -40,7 +40,7 @@ from rovid.readers import read_campaign
 from rovid.readers.campaign import TrialReader, candidate_files
 from rovid.store.parameter_file import Parameters, Provenance, Source, absolute_paths, read_source, trial_source
 from rovid.trial.assumptions import ConfigFingerprint
-from rovid.trial.axis import PLANAR, YAW, Axis
+from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import Config, find_config, load_config, vehicle_without_thrusters
 from rovid.trial.fault import Fault, FaultOverrides, fault_texts, stopping
 from rovid.trial.preprocessing import PreparedRuns, prepare, shared_channels
@@ -157,12 +157,10 @@ class Study:
 
     def unusual_values(self, stored: Parameters) -> list[str]:
         """A sentence for each value of the model ``stored`` that is far beyond its bounds for these logs."""
-        if self.runs is None or stored.axis is PLANAR or not stored.effects:
+        if self.runs is None or not stored.effects:
             return []
         model = stored.model()
-        scales = usual_scales(self.runs.items, self.vehicle, model)
-        beyond = stored.values_beyond_bounds(model.effects, scales)
-        return [f"{text} is usual for these logs." for _, text in beyond]
+        return stored.unusual_values(model.effects, usual_scales(self.runs.items, self.vehicle, model))
 
     def likelihood(self, effects: tuple[Effect, ...] = (), *, gyro: bool = False) -> LikelihoodFit:
         """Fit of all parameters and of ``effects`` by maximum likelihood; see `fit_likelihood`.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -45,6 +46,9 @@ def test_a_hidden_coupling_is_found_and_predicts_held_out_parts() -> None:
     assert [one.effect.key for one in diagnosis.findings] == ["sway_yaw_damping"]
     (found,) = diagnosis.findings
     assert found.standard_errors > 5.0
+    # The size is that of the stated estimate: two values with their covariance.
+    away, covariance = found.estimate.values, found.estimate.covariance
+    assert found.standard_errors == pytest.approx(math.sqrt(away @ np.linalg.solve(covariance, away)))
     assert found.held_out_gain > 20.0
     for name, true in zip(found.estimate.names, truth.couplings, strict=True):
         # 4 standard errors of 2 sizes.

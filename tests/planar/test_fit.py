@@ -33,7 +33,8 @@ from rovid.planar.free_runs import (
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
 from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.start_values import _bounded, planar_sizes, start_values
+from rovid.planar.regression import _bounded
+from rovid.planar.start_values import planar_sizes, start_values
 from rovid.planar.trial_simulation import simulate_planar_trials
 from rovid.planar.uncertainty import total_covariance
 from rovid.trial.preprocessing import prepare_trials
@@ -124,6 +125,38 @@ def test_a_bounded_regression_is_the_exact_one() -> None:
     assert found == pytest.approx(expected.x, rel=1e-6, abs=1e-9)
     assert left == pytest.approx(2.0 * expected.cost / float(target @ target), rel=1e-9)
     assert found[2] < -3e3
+    found, left = _bounded(columns, target, (2,), 3.0)
+    low[0] = 3.0
+    expected = lsq_linear(np.column_stack(columns), target, (low, np.full(5, np.inf)), method="bvls", tol=1e-14)
+    assert found == pytest.approx(expected.x, rel=1e-6, abs=1e-9)
+    assert left == pytest.approx(2.0 * expected.cost / float(target @ target), rel=1e-9)
+
+
+def test_the_mass_gives_a_start_where_noise_hides_the_accelerations() -> None:
+    """Positions once in a second, with an error of as much as the vehicle moves in that time."""
+    noise = {"heading": (1e-3, 0.1), "north": (0.5, 1.0), "east": (0.5, 1.0)}
+    data = campaign(truth := box_rov(3, noise=noise), runs=2, levels=20, hold=4.0, seed=3)
+    mass = 0.8 * min(truth.base[:2])
+    starts = start_values(replace(data, vehicle=replace(data.vehicle, mass=mass)), with_current=False)
+    plain, heavy = ([one for one in starts if one.is_heavy == wanted] for wanted in (False, True))
+    assert len(plain) == len(heavy)
+    assert min(one.model.base[:2].min() for one in plain) < 0.5 * mass
+    assert min(one.model.base[:2].min() for one in heavy) >= mass
+
+
+@pytest.mark.slow
+def test_a_fit_from_far_away_needs_few_jacobians(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each Jacobian takes a pass for each parameter. Steps with new ones alone took 25, and ended 24 nats higher."""
+    data = campaign(torpedo(3, stall=0.3), runs=2, levels=20, hold=8.0, seed=3)
+    count, plain = [0], PlanarLikelihood.jacobian
+
+    def counted(*given: Any) -> Any:
+        count[0] += 1
+        return plain(*given)
+
+    monkeypatch.setattr(PlanarLikelihood, "jacobian", counted)
+    assert fit_base(data).value < -30740.0
+    assert count[0] <= 22
 
 
 def heading_alone(*pushed: tuple[float, float, float]) -> PlanarData:

@@ -16,10 +16,11 @@ from rovid.core.errors import ConfigError
 from rovid.effects import ANGLE_FORMS, PLANAR_FORMS, Effect, effect_named
 from rovid.effects.base import EffectParameter
 from rovid.model.parameter_names import base_names
+from rovid.planar.model import BASE_NAMES
 from rovid.store.parameter_file import Entry, Parameters
-from rovid.store.planar_study import planar_effect, planar_model
+from rovid.store.planar_study import open_planar_study, planar_effect, planar_model
 from rovid.store.study import Study, open_study
-from rovid.trial.axis import YAW
+from rovid.trial.axis import PLANAR, YAW
 from tests.effects.test_effects import CHANNELS, EVERY, SCALES, numbers
 from tests.store.days import RUNS, write_day
 
@@ -139,3 +140,33 @@ def test_a_value_that_is_only_unusual_is_a_note(study: Study) -> None:
     assert gain == "thruster_imbalance:fore.gain is 1.1; -1.5 to 1 is usual for these logs."
     assert re.fullmatch(r"thruster_lag\.time_constant is 3600 s; 0 to \d+ is usual for these logs\.", lag)
     assert simulation_record(model, study).r2
+
+
+COUPLED = dict(zip(BASE_NAMES, (30.0, 60.0, 11.5, 9.5, 5.0, 8.0, 2.0, 30.0, 60.0, 8.0), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("values", "note", "finite"),
+    [
+        ({"current.speed": 0.08, "current.direction": 2.5}, "", True),
+        ({"current.speed": 50.0, "current.direction": 2.5}, "current.speed is 50 m/s; -", False),
+        ({"thruster_lag.time_constant": 900.0}, "thruster_lag.time_constant is 900 s; 0 to ", True),
+        ({"surge.quadratic_drag": -1e9}, "", False),
+    ],
+)
+def test_the_coupled_model_has_notes_and_no_simulation_without_numbers(
+    values: dict[str, float], note: str, finite: bool
+) -> None:
+    coupled = open_planar_study([Path("sample_logs/planar_rov")])
+    entries = {
+        name: Entry(value=value, standard_error=0.1, unit="1", method="by hand")
+        for name, value in (COUPLED | values).items()
+    }
+    model = Parameters(path=Path("p.toml"), entries=entries, axis=PLANAR)
+    notes = coupled.unusual_values(model)
+    assert [one[: len(note)] for one in notes] == ([note] if note else [])
+    if finite:
+        assert np.isfinite(list(simulation_record(model, coupled).r2.values())).all()
+        return
+    with pytest.raises(ConfigError, match=rf"^p\.toml: gives no finite simulation of run_01\.csv.*{re.escape(note)}"):
+        simulation_record(model, coupled)
