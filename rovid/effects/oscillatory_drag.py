@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, where_nonnegative
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, Values, compiled, where_nonnegative
 
 
 # State: the angle swept since the last reversal, with the sign of the rate.
@@ -33,6 +33,16 @@ def _fading(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     return torque, abs(at.rate) * (way - x[0]) / p[1]
 
 
+def _swept_before(values: Values, rate: float, acceleration: float) -> tuple[float, ...]:
+    """Twice the angle over which the drag falls: little is left of it then."""
+    return (2.0 * values["swept_angle"],)
+
+
+def _settled(values: Values, rate: float, acceleration: float) -> tuple[float, ...]:
+    """The water may have followed the turn completely."""
+    return (1.0,)
+
+
 EFFECT: Effect = Effect(
     id="oscillatory_drag",
     title="oscillatory drag",
@@ -46,7 +56,7 @@ EFFECT: Effect = Effect(
     fingerprint="drag in sines differs from drag in steady motion; residual torque after each reversal",
     experiment="sines of one peak rate at several periods",
     rivals=("added_mass_memory", "entrained_swirl"),
-    acts=Term(_exponential, states=1, reset=_reversed),
+    acts=Term(_exponential, states=1, reset=_reversed, unknown_start=_swept_before),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -54,12 +64,12 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="algebraic",
         equation="quadratic drag times 1 + g/(1 + θ/θ0), θ swept since the last reversal",
-        acts=Term(_algebraic, states=1, reset=_reversed),
+        acts=Term(_algebraic, states=1, reset=_reversed, unknown_start=_swept_before),
     ),
     replace(
         EFFECT,
         form="fading",
         equation="quadratic drag times 1 + g·f, f grows at a reversal by the angle swept, then decays as exp(−θ/θ0)",
-        acts=Term(_fading, states=1),
+        acts=Term(_fading, states=1, unknown_start=_settled),
     ),
 )

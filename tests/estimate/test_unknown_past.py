@@ -21,6 +21,7 @@ from rovid.model.ode import with_moved_past
 from rovid.model.reference import ExtendedKalmanFilter
 from rovid.model.reference import Noise as FilterNoise
 from rovid.trial.preprocessing import Run
+from rovid.trial.rates import compute_rates
 from tests import synthetic
 
 LAG, DELAY, SWIRL = map(effect_named, ("thruster_lag", "command_delay", "entrained_swirl"))
@@ -167,6 +168,36 @@ def test_a_seiche_rings_before_a_log_as_after_a_broad_excitation(form: str) -> N
     intensity = size**2 / FREQUENCY
     covariance = solve_continuous_lyapunov(RINGING, -np.diag([0.0, intensity]))
     assert found == pytest.approx(np.sqrt(np.diag(covariance)))
+
+
+def in_a_turn(seed: int, gain: float, angle: float) -> Run:
+    """A run that begins 25 s after a reversal, with drag that fell meanwhile."""
+    rng, step = np.random.default_rng(seed), 0.05
+    levels = np.repeat([200.0, -200.0, 120.0, -250.0, 250.0, -90.0], 700)
+    rate = place = swept = 0.0
+    places = np.empty(len(levels))
+    for k, torque in enumerate(levels.tolist()):
+        places[k] = place
+        drag = MOTION.quadratic_drag * (1.0 + gain * math.exp(-abs(swept) / angle)) * abs(rate) * rate
+        rate += step * (torque - drag - MOTION.linear_drag * rate) / MOTION.inertia
+        swept = swept + step * rate if swept * rate >= 0.0 else step * rate
+        place += step * rate
+    kept = np.arange(700, len(levels), 2)
+    time, torque = np.arange(len(kept)) * PERIOD, levels[kept]
+    log = synthetic.trial(time, torque, places[kept] + 2e-4 * rng.normal(size=len(kept)))
+    rates = compute_rates(log, cutoff=1.0)
+    return Run(trial=log, torque=torque, rates=rates, filtered_torque=rates.filter_held(log, torque))
+
+
+def test_drag_after_a_reversal_is_estimated_from_logs_that_begin_in_a_turn() -> None:
+    """The angle swept before the first sample is unknown. Taken as none, the drag is far too large at first."""
+    gain, angle = 2.0, 1.2
+    given = InnovationData([in_a_turn(seed, gain, angle) for seed in range(3)], synthetic.LOGGED, MOTION)
+    objective, x = at(given, effect_named("oscillatory_drag"), gain, angle)
+    found = fit(objective, x)
+    errors = np.sqrt(np.diag(found.covariance(sandwich=False)))[-2:]
+    assert np.all(np.abs(found.model.values[-2:] - (gain, angle)) < 4.0 * errors)
+    assert np.all(errors < 0.1 * np.array([gain, angle]))
 
 
 def test_water_is_at_rest_where_the_vehicle_is() -> None:
