@@ -358,6 +358,15 @@ def test_the_effect_file_holds_an_oscillation_and_what_acts_now_times_the_past()
         assert (total, *derivatives) == pytest.approx(expected)
 
 
+def test_drag_that_remembers_the_motion_turns_around_with_it() -> None:
+    products = [one for one in grammar._products({"rate": factor("rate")}, 2.0) if one.outside]  # noqa: SLF001
+    assert {"abs(rate)*memory(rate)", "rate*rate*swept_memory(tanh(rate/0.02))"} <= {one.text for one in products}
+    time, rate = np.linspace(0.0, 6.0, 61), np.cumsum(np.random.default_rng(1).normal(0.0, 0.1, 61))
+    for product in products:
+        there, back = (product.values({"rate": sign * rate}, time) for sign in (1.0, -1.0))
+        np.testing.assert_allclose(there, -back, atol=1e-12)
+
+
 def test_a_memory_over_the_swept_angle_stands_still_with_the_vehicle() -> None:
     wake = Product((factor("rate", "sign"),), "swept_memory", (0.5,), (factor("rate", "square"),))
     time, rate = np.linspace(0.0, 6.0, 61), np.repeat([0.4, 0.0, -0.4], [20, 21, 20])

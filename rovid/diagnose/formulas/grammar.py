@@ -390,12 +390,14 @@ def _products(signals: Mapping[str, Factor], time_constant: float) -> list[Produ
         for shape in ("size", "square")
         for memory in memories
     ]
-    # Water that the vehicle meets again, as after a reversal: its own wake, which it leaves behind by distance.
+    # Drag relative to water that the vehicle set in motion, and to its own wake, which it leaves behind by distance.
     angle = signals["rate"].scale / _SIGN_SHARE * time_constant
+    wakes = [("memory", (share * time_constant,), "size", "linear") for share in _MEMORIES]
+    wakes += [("swept_memory", (share * angle,), "size", "linear") for share in _MEMORIES]
+    wakes += [("swept_memory", (share * angle,), "square", "sign") for share in _MEMORIES]
     slow += [
-        Product((replace(own[0], shape=inside),), "swept_memory", (share * angle,), (replace(own[0], shape=outside),))
-        for outside, inside in (("linear", "linear"), ("square", "sign"))
-        for share in _MEMORIES
+        Product((replace(own[0], shape=past),), name, constants, (replace(own[0], shape=now),))
+        for name, constants, now, past in wakes
     ]
     slow += [Product((signals["rate"],), "oscillation", (w / time_constant, _DAMPING)) for w in _FREQUENCIES]
     if torque := signals.get("thruster_torque"):
