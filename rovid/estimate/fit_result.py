@@ -26,8 +26,8 @@ from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO
 # Least number of runs for a sandwich covariance by runs.
 _MIN_RUNS = 3
 # A piecewise constant likelihood is followed until this much log-likelihood is lost, with steps that begin with a share
-# of the coordinate and grow by a factor.
-_LOSS, _FIRST_STEP, _GROWTH = 0.5, 1e-4, 1.5
+# of the coordinate and grow by a factor; less than `_LOSS` lost on both sides says nothing.
+_END, _LOSS, _FIRST_STEP, _GROWTH = 8.0, 0.5, 1e-4, 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,39 +187,36 @@ class FitResult:
         """``covariance`` with the variances of coordinates along which the likelihood is piecewise constant.
 
         That includes effect parameters along which it is ``flat`` here, such as a threshold between two commands. Their
-        standard error is the distance at which half a unit of log-likelihood is lost, times the ``inflation`` of the
-        other errors by the sandwich, and at least that of a uniform distribution over the difference step.
+        standard error is the RMS distance by the likelihood, times the ``inflation`` of the other errors by the
+        sandwich if they grow, and at least that of a uniform distribution over the difference step.
         """
         parametrization = self.objective.parametrization
         among_effects = np.arange(len(self.x)) >= COMMON
         for at in {*parametrization.piecewise_constant(), *np.flatnonzero(flat & among_effects).tolist()}:
-            reach = self._reach(at)
-            if reach is None:
+            distance = self._rms_distance(at)
+            if distance is None:
                 continue
             step = parametrization.parameters[at - COMMON].step * abs(self.x[at])
-            error = max(inflation * reach, step / math.sqrt(3.0))
+            error = max(inflation * distance, distance, step / math.sqrt(3.0))
             factor = np.where(np.arange(len(self.x)) == at, error / math.sqrt(covariance[at, at]), 1.0)
             covariance = covariance * np.outer(factor, factor)
         return covariance
 
-    def _reach(self, at: int) -> float | None:
-        """Largest distance along coordinate ``at`` at which half a unit of log-likelihood is lost; None if nowhere."""
-        best = self.objective.value(self.x)
+    def _rms_distance(self, at: int) -> float | None:
+        """RMS distance from the optimum along coordinate ``at``, weighted by likelihood; None where that is flat."""
+        here, best = self.x[at], self.value
         low, high = self.objective.parametrization.bounds
-        here = self.x[at]
-        reaches = []
+        loss, weight, squares = 0.0, 0.0, 0.0
         for sign in (1.0, -1.0):
-            step = sign * _FIRST_STEP * max(abs(here), 1e-3)
-            while abs(step) < max(abs(here), 1.0):
+            near, step, lost = 0.0, _FIRST_STEP * max(abs(here), 1e-3), 0.0
+            while lost < _END and step < max(abs(here), 1.0) and low[at] <= here + sign * step <= high[at]:
                 moved = self.x.copy()
-                moved[at] += step
-                if not low[at] <= moved[at] <= high[at]:
-                    break
-                if self.objective.value(moved) > best + _LOSS:
-                    reaches.append(abs(step))
-                    break
-                step *= _GROWTH
-        return max(reaches, default=None)
+                moved[at] += sign * step
+                before, lost = lost, max(self.objective.value(moved) - best, 0.0)
+                share = 0.5 * (math.exp(-before) + math.exp(-lost)) * (step - near)
+                weight, squares = weight + share, squares + share * (0.5 * (near + step)) ** 2
+                near, step, loss = step, step * _GROWTH, max(loss, lost)
+        return math.sqrt(squares / weight) if loss > _LOSS else None
 
 
 def fit(

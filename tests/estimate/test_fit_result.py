@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,24 +79,24 @@ def test_covariance_is_infinite_where_a_neighbour_diverges(plain: FitResult, mon
 
 
 def test_a_threshold_between_two_commands_has_the_error_of_the_gap_between_them() -> None:
-    """The likelihood has no slope there, and loses much at the nearest commands: 20 N m starts nothing, 100 does."""
+    """The likelihood has no slope there, and loses much at the nearest commands: 20 N m starts nothing, 60 does."""
     switch = effect_named("command_hysteresis:schmitt")
     time = synthetic.clock(400.0, 5.0)
-    levels = np.tile([20.0, 0.0, 100.0, 0.0, -20.0, 0.0, -160.0, 0.0, 160.0, 0.0], 4)
+    levels = np.tile([20.0, 0.0, 60.0, 0.0, -20.0, 0.0, -60.0, 0.0, 160.0, 0.0, -160.0, 0.0], 4)
     commanded = np.repeat(levels, 50)[: len(time)]
     commanded = np.append(commanded, np.zeros(len(time) - len(commanded)))
-    acting = np.where(np.abs(commanded) > 50.0, commanded, 0.0)
+    acting = np.where(np.abs(commanded) > 35.0, commanded, 0.0)
     noise = np.random.default_rng(3).normal(0.0, 3e-4, len(time))
-    runs = [synthetic.run(time, commanded, disturbance=acting - commanded, noise=noise)]
-    objective = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05, (switch,))
+    run = synthetic.run(time, commanded, disturbance=acting - commanded, noise=noise)
+    run = replace(run, trial=replace(run.trial, commands=commanded[:, None] / 100.0))  # in V
+    objective = InnovationLikelihood(InnovationData([run], synthetic.VEHICLE, synthetic.ROSUB), 0.05, (switch,))
     start = objective.parametrization.initial()
-    width = 60.0
-    start[-1] = width / objective.parametrization.units[-1]
+    start[-1] = 0.4 / objective.parametrization.units[-1]
     found = fit(objective, start)
-    assert found.model.values[-1] == pytest.approx(width)
+    assert 0.2 < found.model.values[-1] < 0.6
     error, wider = (float(np.sqrt(found.covariance(sandwich=one)[-1, -1])) for one in (False, True))
-    # Up to the ramp of the switch the gap is 20 to 100 N m; errors grow by a factor until the likelihood falls.
-    assert 0.2 * (width - 20.0) < error < 2.0 * (100.0 - width)
+    # The threshold is equally likely between the commands of 0.2 and 0.6 V, less the ramp of the switch.
+    assert error == pytest.approx(0.4 / math.sqrt(12.0), rel=0.25)
     assert error <= wider < 10.0 * error
 
 

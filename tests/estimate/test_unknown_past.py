@@ -183,7 +183,7 @@ def in_a_turn(seed: int, gain: float, angle: float) -> Run:
         swept = swept + step * rate if swept * rate >= 0.0 else step * rate
         place += step * rate
     kept = np.arange(700, len(levels), 2)
-    time, torque = np.arange(len(kept)) * PERIOD, levels[kept]
+    time, torque = synthetic.clock((len(kept) - 1) * PERIOD, 1.0 / PERIOD), levels[kept]
     log = synthetic.trial(time, torque, places[kept] + 2e-4 * rng.normal(size=len(kept)))
     rates = compute_rates(log, cutoff=1.0)
     return Run(trial=log, torque=torque, rates=rates, filtered_torque=rates.filter_held(log, torque))
