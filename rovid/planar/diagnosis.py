@@ -20,13 +20,14 @@ from rovid.diagnose.evidence import size_in_errors
 from rovid.diagnose.result import Conclusion, Finding
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
-from rovid.effects.base import Coupling, WaterCurrent
+from rovid.effects.base import WaterCurrent
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.planar.dataset import PlanarData
+from rovid.planar.doubts import contradicted, formless, likelier_suspects, outweighed
 from rovid.planar.effect_fits import add_effect, planar_candidates, with_hull_lift
 from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined, with_latencies
-from rovid.planar.free_runs import better_simulating, fit_free_runs, misses_much
+from rovid.planar.free_runs import better_simulating, fit_free_runs
 from rovid.planar.held_out import Gate, Parts, PlanarScores, noise_floors
 from rovid.planar.model import AXIS_NAMES
 from rovid.planar.optimum import PlanarOptimum, coordinates_without
@@ -40,10 +41,12 @@ _FORMLESS = (
 # A position comes from a vehicle at the surface, or from acoustics.
 _WIND = "If the vehicle was at the surface, a steady wind may act like the current: compare with the wind of that time."
 _DISAGREED = "Free-running simulations favour {}, the likelihood of the innovations {}: neither is established."
+_LIKELIER = "The likelihood of the innovations favours {}, but no free-running simulation does: it is not established."
 _OUTWEIGHED = "{} explains these logs better, also held-out ones, but failed a test: {} is not established."
-# Least share of the best predicted gain for which a current is tried first without rudders: score tests are good to a
-# factor of a few. Nats by which the model that was fitted in the current has to be likelier than the other.
-_LEAST_SHARE, _BETTER = 0.1, 10.0
+# Least share of the best predicted gain for which a current is tried first: with rudders, whose hulls take longer to
+# fit, and without. Score tests are good to a factor of a few. Nats by which the model in the current has to be
+# likelier.
+_LEAST_SHARES, _BETTER = (0.5, 0.1), 10.0
 # Probability that either of two criteria is right that name different causes. A decision.
 _ONE_OF_TWO = 0.5
 
@@ -132,7 +135,7 @@ def _in_current(search: PlanarSearch) -> PlanarSearch:
     tests = search.screen(base) if anew and search.is_usable(base) else []
     currents = [one for one in tests if isinstance(one.effect.acts, WaterCurrent)]
     test = next((one for one in currents if not one.effect.form), None)
-    share = 1.0 if data.actuators.rudders else _LEAST_SHARE
+    share = _LEAST_SHARES[not data.actuators.rudders]
     if test is None or currents[0].gain < max(search.threshold, share * tests[0].gain):
         return search
     search.budget.report("Fitting the model in the current …")
@@ -234,15 +237,15 @@ def _result(
     """
     search, data = gate.search, gate.search.data
     late = bool(search.budget.not_tried)
-    formless = _formless(model, data, tested)
-    apart, others = _contradicted(tested, likelier), " and ".join(one.effect.title for one in likelier)
-    outweighed = _outweighed(tested, [one for one, _ in rejected])
+    without_form = formless(model, data, tested)
+    apart, others = contradicted(tested, likelier), " and ".join(one.effect.title for one in likelier)
+    beaten = outweighed(tested, [one for one, _ in rejected])
     messages = [
-        *(_FORMLESS.format(one.effect.title) for one in formless),
+        *(_FORMLESS.format(one.effect.title) for one in without_form),
         *(_DISAGREED.format(one.effect.title, others) for one in apart),
-        *(_OUTWEIGHED.format(other.effect.title, one.effect.title) for one, other in outweighed),
+        *(_OUTWEIGHED.format(other.effect.title, one.effect.title) for one, other in beaten),
     ]
-    doubtful = [*formless, *apart, *(one for one, _ in outweighed)]
+    doubtful = [*without_form, *apart, *(one for one, _ in beaten)]
     sure = [one for one in tested if one.probability >= THRESHOLDS.established and one not in doubtful]
     established, final, worse = gate.established(model, tested, [] if late else sure)
     messages += worse
@@ -262,9 +265,10 @@ def _result(
         if one not in established:
             probability = min(one.probability, THRESHOLDS.max_suspect_probability)
             suspects.append(replace(_stated(one, likely, model), probability=probability, is_complete=not late))
-    rivals = [one for one in likelier if apart and one.effect.id not in {own.effect.id for own in tested}]
+    rivals = likelier_suspects(tested, likelier)
+    messages += [_LIKELIER.format(one.effect.title) for one in rivals if not tested]
     suspects += [*rivals, *_further(search, gate, model, {one.effect.id for one in (*tested, *rivals)})]
-    share = _ONE_OF_TWO if apart else 1.0
+    share = _ONE_OF_TWO if apart or rivals else 1.0
     suspects = [replace(one, probability=share * one.probability) for one in suspects]
     floors = noise_floors(gate.parts, final).scores
     is_left = not fit.white and (fit.at_limit or min(fit.free_run_r2.values(), default=1.0) < INNOVATIONS_R2)
@@ -326,40 +330,6 @@ def _fitted_to_all_readings(
         messages.append(f"{weakest.effect.title} {why}: it is not established.")
         found = [one for one in found if one is not weakest]
         model = search.polish(search.without(model, weakest.effect))
-
-
-def _formless(model: PlanarOptimum, data: PlanarData, tested: Sequence[Finding]) -> list[Finding]:
-    """Couplings in a model that misses much: one of another form may fit as well as the true one.
-
-    A current that wanders whitens the innovations whatever the model misses.
-    """
-    wandering = [one for one in tested if isinstance(one.effect.acts, WaterCurrent) and one.effect.acts.wanders]
-    found = [one for one in tested if isinstance(one.effect.acts, Coupling) or one in wandering]
-    return found if found and (model.is_multi_step or misses_much(model, data, whitened=bool(wandering))) else []
-
-
-def _contradicted(tested: Sequence[Finding], likelier: Sequence[Finding]) -> list[Finding]:
-    """Causes by free-running simulations that contradict the likelihood.
-
-    It names other causes, and the logs distinguish them.
-    """
-    named = {one.effect.id for one in likelier}
-    pairs = [(one, {one.effect.id, *(e.id for e in one.indistinguishable)}) for one in tested]
-    return [one for one, own in pairs if named and named.isdisjoint(own)]
-
-
-def _outweighed(tested: Sequence[Finding], rejected: Sequence[Finding]) -> list[tuple[Finding, Finding]]:
-    """Causes that came in the place of a ``rejected`` one which explains the logs better, and that one.
-
-    A cause that the gate rejects by mistake leaves its place to another one.
-    """
-    pairs = [(one, other) for one in tested for other in rejected if other.effect.id != one.effect.id]
-    better = {
-        one.effect.id: (one, other)
-        for one, other in pairs
-        if other.bic_gain > one.bic_gain and other.held_out_gain > one.held_out_gain
-    }
-    return list(better.values())
 
 
 def _further(search: PlanarSearch, gate: Gate, model: PlanarOptimum, known: Collection[str]) -> list[Finding]:

@@ -18,16 +18,8 @@ from rovid.effects.base import Scales
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fisher_information import Innovations, Jacobian
 from rovid.planar.dataset import PlanarData, planar_data
-from rovid.planar.diagnosis import (
-    _agreeing,
-    _contradicted,
-    _fitted_to_all_readings,
-    _formless,
-    _in_current,
-    _outweighed,
-    _search,
-    diagnose_planar,
-)
+from rovid.planar.diagnosis import _agreeing, _fitted_to_all_readings, _in_current, _search, diagnose_planar
+from rovid.planar.doubts import contradicted, formless, likelier_suspects, outweighed
 from rovid.planar.fit import fit_base, planar_result
 from rovid.planar.held_out import Gate, HeldOut
 from rovid.planar.optimum import Linearisation, PlanarOptimum
@@ -224,9 +216,22 @@ def named(effect: str, *rivals: str) -> Any:
 
 def test_a_cause_is_contradicted_where_the_likelihood_names_another() -> None:
     lag, hysteresis = named("thruster_lag", "command_delay"), named("command_hysteresis")
-    assert _contradicted([lag, hysteresis], [named("command_delay")]) == [hysteresis]
+    assert contradicted([lag, hysteresis], [named("command_delay")]) == [hysteresis]
     # Without a cause by the likelihood, nothing contradicts.
-    assert _contradicted([lag, hysteresis], []) == []
+    assert contradicted([lag, hysteresis], []) == []
+
+
+def test_a_cause_by_the_likelihood_alone_is_a_suspect() -> None:
+    """Simulations that miss much named nothing in a tanker's current, which the likelihood found: it was not told."""
+
+    def likely(effect: str, held_out_gain: float) -> Any:
+        return SimpleNamespace(effect=effect_named(effect), held_out_gain=held_out_gain, indistinguishable=())
+
+    current, lag, delay = likely("current", 40.0), likely("thruster_lag", -3.0), likely("command_delay", 9.0)
+    assert likelier_suspects([], [current, lag]) == [current]
+    # Where the simulations name a cause, the others are suspects if it contradicts them.
+    assert likelier_suspects([delay], [current, lag]) == [current, lag]
+    assert likelier_suspects([current], [current, lag]) == []
 
 
 @pytest.mark.parametrize(
@@ -294,11 +299,11 @@ def test_a_coupling_is_not_established_where_the_model_misses_much(
     def misses_much(*_: Any, whitened: bool) -> bool:
         return misses and whitened == key.endswith("wandering")
 
-    monkeypatch.setattr("rovid.planar.diagnosis.misses_much", misses_much)
+    monkeypatch.setattr("rovid.planar.doubts.misses_much", misses_much)
     model: Any = SimpleNamespace(is_multi_step=multi_step)
     found: Any = SimpleNamespace(effect=effect_named(key))
     data: Any = None
-    assert _formless(model, data, [found]) == ([found] if expected else [])
+    assert formless(model, data, [found]) == ([found] if expected else [])
 
 
 def test_a_suspect_current_has_no_negative_speed(small: Small) -> None:
@@ -315,9 +320,9 @@ def test_a_cause_in_the_place_of_a_better_one_that_failed_a_test_is_outweighed()
         return SimpleNamespace(effect=effect_named(effect), bic_gain=bic_gain, held_out_gain=held_out_gain)
 
     damping, place = gaining("sway_yaw_damping", 40.0, 50.0), gaining("sensor_place:antenna", 90.0, 100.0)
-    assert _outweighed([damping], [place]) == [(damping, place)]
+    assert outweighed([damping], [place]) == [(damping, place)]
     # A cause that fits better but predicts worse is no better cause, and another form of a cause is none.
-    assert _outweighed([damping], [gaining("current", 90.0, 30.0), gaining("sway_yaw_damping:lift", 90.0, 90.0)]) == []
+    assert outweighed([damping], [gaining("current", 90.0, 30.0), gaining("sway_yaw_damping:lift", 90.0, 90.0)]) == []
 
 
 @pytest.mark.parametrize(("score", "expected"), [(59.0, "command_delay"), (20.0, "thruster_lag")])
