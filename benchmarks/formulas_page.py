@@ -42,8 +42,8 @@ One effect is hidden in a calm campaign of the ROSUB 6000 (seven runs, 5 Hz, dis
 the catalogue. The reference is the held-out log-likelihood gain of the struck effect next to the plain model. *Share* \
 is the part of the reference that the best formula reaches with the causes next to it. Without a formula it is the \
 part that the causes reach. The names are those of the remaining catalogue, so each is a stand-in. Seeds are separated \
-by /. The products of drag relative to moving water and to a wake came after seeds 1 and 2, of which only oscillatory_drag and \
-entrained_swirl were repeated, and after most campaigns with nothing hidden."""
+by /. The products of drag relative to moving water and to a wake came after seeds 1 and 2, of which only \
+oscillatory_drag and entrained_swirl were repeated, and after most campaigns with nothing hidden."""
 _OUTSIDE = """\
 `tools/beyond.py` simulates two vehicles with the cause, and was written without knowledge of the search. The products \
 of roots of two thrusts, the term of a cause's own signal and the test of waves against the thrust came later, after \
