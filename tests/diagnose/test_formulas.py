@@ -224,7 +224,8 @@ def test_without_a_hidden_law_no_formula_is_offered(tmp_path: Path, rovid: Rovid
 def test_a_rival_predicts_better_than_all_causes_beyond_a_tie(
     monkeypatch: pytest.MonkeyPatch, lead: float, *, is_rival: bool
 ) -> None:
-    causes, base = SimpleNamespace(effects=("lag",)), SimpleNamespace(effects=())
+    causes: Any = SimpleNamespace(effects=("lag",))
+    base = SimpleNamespace(effects=())
     folds = {id(causes): [SimpleNamespace(log_likelihood=70.0)], id(base): [SimpleNamespace(log_likelihood=20.0)]}
     formula = SimpleNamespace(held_out_nats=50.0 + lead)
     found: Any = FormulaSearch.__new__(FormulaSearch)
@@ -233,7 +234,22 @@ def test_a_rival_predicts_better_than_all_causes_beyond_a_tie(
     monkeypatch.setattr(found, "_selection", lambda _: SimpleNamespace(folds=lambda model: folds[id(model)]))
     monkeypatch.setattr(found, "_candidates", lambda _, __, longest: [None] if longest == 1 else [])
     monkeypatch.setattr(found, "_validated", lambda _: formula)
-    assert found.rival() is (formula if is_rival else None)
+    assert found.rival(causes) is (formula if is_rival else None)
+
+
+@pytest.mark.parametrize(("effect", "counts"), [("wave_torque", True), ("thruster_lag", False)])
+def test_a_formula_has_to_beat_waves_too(monkeypatch: pytest.MonkeyPatch, effect: str, *, counts: bool) -> None:
+    """The search for formulas has no waves in its model: any formula would beat that."""
+    challenged = list[Any]()
+    monkeypatch.setattr(search, "lacks_torque", lambda _: True)
+    own = SimpleNamespace(model="without waves", rival=challenged.append)
+    monkeypatch.setattr(search, "FormulaSearch", lambda *_, with_sizes: own)
+    cause = next(one for one in CATALOGUE if one.id == effect)
+    model = SimpleNamespace(effects=(cause,), canonical=lambda: None)
+    selection: Any = SimpleNamespace(model=model, multi_step=False, waves=None, is_out_of_time=False)
+    problem: Any = None
+    assert search.doubt_stand_ins(problem, selection) is selection
+    assert challenged == [model if counts else "without waves"]
 
 
 @pytest.mark.parametrize(("gain", "is_doubted"), [(2.0 * THRESHOLDS.bic_margin, True), (THRESHOLDS.bic_margin, False)])
@@ -249,7 +265,7 @@ def test_causes_next_to_which_a_product_pays_are_doubted(
     found: Any = FormulaSearch.__new__(FormulaSearch)
     products = [Product((factor("rate", "cubic"),)), Product((factor("rate", "sign"),))]
     found.model, found.grammar = None, SimpleNamespace(products=products, price=lambda _: 3.0)
-    monkeypatch.setattr(found, "rival", lambda: SimpleNamespace(signals=("rate",)))
+    monkeypatch.setattr(found, "rival", lambda _: SimpleNamespace(signals=("rate",)))
     monkeypatch.setattr(search, "FormulaSearch", lambda *_, with_sizes: found if with_sizes else None)
     cause: Any = SimpleNamespace(id="lag", key="lag", title="lag", is_wave=False)
     model = SimpleNamespace(effects=(cause,), canonical=lambda: None)
@@ -257,16 +273,6 @@ def test_causes_next_to_which_a_product_pays_are_doubted(
     selection.with_message = selection.ban = lambda *_: selection
     doubted: Any = search.doubt_stand_ins(cause, selection)
     assert doubted == ["lag"] if is_doubted else doubted is selection
-
-
-def test_no_formula_challenges_waves() -> None:
-    """The search for formulas leaves waves out: any formula would beat a model without them."""
-    problem: Any = None
-    wave = next(one for one in CATALOGUE if one.id == "wave_torque")
-    selection: Any = SimpleNamespace(
-        model=SimpleNamespace(effects=(wave,)), multi_step=False, waves=None, is_out_of_time=False
-    )
-    assert search.doubt_stand_ins(problem, selection) is selection
 
 
 @pytest.mark.parametrize("with_sizes", [False, True])

@@ -183,8 +183,8 @@ class FormulaSearch:
         warnings = (_CUT_SHORT,) if self.problem.budget.not_tried else ()
         return Discovery(formulas=tuple(formulas), causes=causes, grammar=self.grammar, warnings=warnings)
 
-    def rival(self) -> Formula | None:
-        """A formula that predicts trials that were not fitted better than all causes together, beyond a tie.
+    def rival(self, causes: FitResult) -> Formula | None:
+        """A formula that predicts trials that were not fitted better than the model with all ``causes``, beyond a tie.
 
         It has as many products as the causes have terms at most: a longer one may hold a cause that acts, and a further
         law.
@@ -194,7 +194,7 @@ class FormulaSearch:
             formula = self._validated(one)
             if formula is None:
                 continue
-            least = held_out_log_likelihood(own.folds(self.model)) - held_out_log_likelihood(own.folds(base))
+            least = held_out_log_likelihood(own.folds(causes)) - held_out_log_likelihood(own.folds(base))
             if formula.held_out_nats >= least + THRESHOLDS.tie(least):
                 return formula
         return None
@@ -335,15 +335,15 @@ def doubt_stand_ins(problem: SearchProblem, selection: Selection) -> Selection:
     """The ``selection`` without its causes if a formula in their place predicts held-out trials better.
 
     Only a one-step model that still lacks a torque, or a product of signals, is challenged. The causes are suspects
-    then. Waves have no law that a formula could replace.
+    then. Waves are no part of the search for formulas, but count among the causes.
     """
     causes = [effect for effect in selection.model.effects if not is_signal(effect)]
-    has_waves = selection.waves is not None or any(cause.is_wave for cause in causes)
-    if not causes or has_waves or selection.multi_step or selection.is_out_of_time:
+    if not causes or selection.multi_step or selection.waves is not None or selection.is_out_of_time:
         return selection
     search = FormulaSearch(problem, selection.model, with_sizes=True)
     is_doubtful = lacks_torque(selection.model.canonical()) or search.lacks_product
-    formula = search.rival() if is_doubtful else None
+    has_waves = len(without_waves(causes)) < len(causes)
+    formula = search.rival(selection.model if has_waves else search.model) if is_doubtful else None
     if formula is None:
         return selection
     text = (
