@@ -13,6 +13,7 @@ from rovid.effects import Effect, EffectParameter
 from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
 from rovid.effects.base import OnTorque, Values
 from rovid.effects.catalogue import forms_for
+from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.thruster_imbalance import EFFECT as IMBALANCE
 from rovid.effects.thruster_imbalance import thruster_of
 from rovid.estimate.dataset import FitData
@@ -258,7 +259,10 @@ def _smooth_derivative(time: FloatArray, values: FloatArray, width: float) -> Fl
 
 @lru_cache(maxsize=2)
 def _scores(fitted: FitResult) -> _Scores:
-    """Scores of the torques of all kinds, and of the effects' parameters beyond a bound at which the fit ended."""
+    """Scores of the torques of all kinds, and of the effects' parameters beyond a bound at which the fit ended.
+
+    A logger knows the instant of a command to a part of its sampling interval: this shift is a further parameter.
+    """
     objective, count = fitted.objective, len(fitted.x)
     # The kinds that the model lacks, and the other laws of its own effects: nature follows none of them exactly.
     data = fitted.data
@@ -267,21 +271,30 @@ def _scores(fitted: FitResult) -> _Scores:
     kinds = [form for form in forms_for(vehicle, channels) if _counts(form, fitted.effects)]
     if vehicle.thrusters and _SWAY in channels and data.axis.name == "yaw":
         kinds += _acceleration(data)  # by the coupled mass of sway and yaw
-    objectives = [objective.with_effects((*fitted.effects, kind), objective.mask) for kind in kinds]
-    starts = [objective.parametrization.initial_values()[:_STARTS] for objective in objectives]
+    shift_of_commands = [CLOCKS_APART] * (CLOCKS_APART not in fitted.effects)
+    others = [*kinds, *shift_of_commands]
+    objectives = [objective.with_effects((*fitted.effects, kind), objective.mask) for kind in others]
+    starts = [one.parametrization.initial_values()[:_STARTS] for one in objectives]
+    if shift_of_commands:
+        half = 0.5 * max(run.trial.sampling_interval for run in data.runs)
+        starts[-1] = [np.array([half / data.scales.unit_size(*CLOCKS_APART.parameters)])]
     chunks = zip(objective.chunks, *(one.chunks for one in objectives), strict=True)
     gradient, information = NormalEquations.sum_of(
-        _equations(fitted.x, own, list(zip(others, starts, strict=True))) for own, *others in chunks
+        _equations(fitted.x, own, list(zip(chunk, starts, strict=True))) for own, *chunk in chunks
     )
+    if shift_of_commands:
+        information[-1, -1] += 3.0  # uniform over the interval, in units of half of it
     names = [""] * count + [
-        kind.key if kind.key in _OWN else kind.id for kind, own in zip(kinds, starts, strict=True) for _ in own
+        kind.key if kind.key in _OWN else kind.id for kind, own in zip(others, starts, strict=True) for _ in own
     ]
     low, high = objective.parametrization.bounds
     is_free, outward = np.ones(count, dtype=bool), -gradient[:count]
     for effect, place in objective.parametrization.effect_slices():
         names[place] = [effect.id] * len(effect.parameters)
         is_free[place] = ((fitted.x > low) | (outward >= 0.0))[place] & ((fitted.x < high) | (outward <= 0.0))[place]
-    model, other = np.flatnonzero(is_free), np.r_[np.flatnonzero(~is_free), count : len(gradient)]
+    last = len(gradient) - len(shift_of_commands)
+    model = np.r_[np.flatnonzero(is_free), last : len(gradient)]
+    other = np.r_[np.flatnonzero(~is_free), count:last]
     with np.errstate(over="ignore", invalid="ignore"):
         cross, power = information[np.ix_(model, other)], np.diag(information)[other]
         inverse = np.linalg.pinv(information[np.ix_(model, model)], rcond=1e-12)
@@ -295,7 +308,7 @@ def _scores(fitted: FitResult) -> _Scores:
     score = (moved.T @ gradient[model] - gradient[at]) * unit
     beside = information[np.ix_(at, at)] - cross.T @ moved
     chosen, shift = tuple(names[k] for k in at), np.zeros((count, len(at)))
-    shift[model] = -moved * unit
+    shift[model[model < count]] = (-moved * unit)[model < count]
     for effect, place in objective.parametrization.effect_slices():
         # Another law of an effect takes over a part of its size.
         shift[place, [k for k, name in enumerate(chosen) if name == effect.id]] = 0.0

@@ -211,6 +211,15 @@ def test_errors_allow_for_a_sway_that_short_runs_hardly_show() -> None:
     assert any("these runs do not distinguish from inertia and drag" in text for text in wider.warnings)
 
 
+@pytest.mark.parametrize(("tenths", "is_lacking"), [(1, False), (2, False), (30, True)])
+def test_a_shift_of_the_commands_within_the_sampling_interval_is_no_torque(tenths: int, *, is_lacking: bool) -> None:
+    """A logger stamps commands before or after it sends them."""
+    early = np.roll(np.repeat(TORQUE, 10), -tenths).reshape(-1, 10).mean(axis=1)
+    water = synthetic.gauss_markov(len(TIME), 0.2, 6.0, 4.0, np.random.default_rng(8))
+    one = fitted([synthetic.run(TIME, TORQUE, disturbance=early - TORQUE + water, noise=3.0 * NOISE)])
+    assert lacks_torque(one) == is_lacking
+
+
 def test_errors_allow_for_the_munk_moment_of_a_vehicle_that_creeps_ahead() -> None:
     """No other torque shows in these runs."""
     one = fitted([creeping(1200, 60.0)])
