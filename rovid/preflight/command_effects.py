@@ -27,6 +27,8 @@ _RESPONSE_WINDOW, _CONTRADICTION = 40.0, 2.2
 _EXPONENTS = (1.0, 2.0)
 # Minimum t statistic of a direction.
 _SIGNIFICANT = 4.0
+# Minimum t statistic of a direction by all logs but one, for the same direction: that of the usual 95 %.
+_AGREES = 2.0
 # Minimum of `CommandEffect.size` of a direction: a smaller effect may belong to a correlated command.
 _MIN_SIZE = 0.005
 # Relative cut-off of eigenvalues; commands that are collinear to this degree share their effect. Single runs of each
@@ -374,11 +376,11 @@ def check_thrusters(trials: Sequence[Trial], vehicle: Vehicle) -> list[ThrusterC
     )
     effects = examine(logs)
     if len(logs) > 2 and any(effect.direction < 0 for effect in effects.values()):
-        # One odd log, in which a thruster failed or columns changed places, turns no arm around. Nor does one that was
-        # made before the thrust faded: the others alone then give the gain the other sign.
+        # One log turns no arm around, if the others alone do not agree: there a thruster failed, columns changed places,
+        # or the thrust had not yet faded; and a wrong curve is seen in the log with other commands than the rest.
         for at in range(len(logs)):
             for name, rest in examine([*logs[:at], *logs[at + 1 :]]).items():
-                if effects[name].direction < 0 < rest.gain:
+                if effects[name].direction < 0 and rest.t_statistic > -_AGREES:
                     effects[name] = replace(effects[name], is_contradicted=True)
     errors = {name: abs(one.gain / one.t_statistic) if one.t_statistic else np.inf for name, one in effects.items()}
     weights = np.array([errors[name] ** -2.0 for name in names])
