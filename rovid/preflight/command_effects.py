@@ -376,7 +376,7 @@ def check_thrusters(trials: Sequence[Trial], vehicle: Vehicle) -> list[ThrusterC
     )
     effects = examine(logs)
     if len(logs) > 2 and any(effect.direction < 0 for effect in effects.values()):
-        # One log turns no arm around, if the others alone do not agree: there a thruster failed, columns changed places,
+        # One log turns no arm around, if the others alone do not agree: there a thruster failed, columns changed place,
         # or the thrust had not yet faded; and a wrong curve is seen in the log with other commands than the rest.
         for at in range(len(logs)):
             for name, rest in examine([*logs[:at], *logs[at + 1 :]]).items():

@@ -12,7 +12,8 @@ import pytest
 
 from rovid.diagnose.formulas import grammar, search
 from rovid.diagnose.formulas.effect_file import effect_of, effect_source, is_possible
-from rovid.diagnose.formulas.grammar import Factor, Grammar, Product, remembered
+from rovid.diagnose.formulas.grammar import Grammar
+from rovid.diagnose.formulas.products import Factor, Product, oscillated, remembered
 from rovid.diagnose.formulas.regression import InnovationRegression
 from rovid.diagnose.formulas.search import FormulaSearch
 from rovid.diagnose.thresholds import THRESHOLDS
@@ -344,7 +345,7 @@ def test_an_oscillation_follows_its_equation(damping: float) -> None:
             speed += step * (frequency**2 * (values[k - 1] - x) - 2.0 * damping * frequency * speed)
             x += step * speed
         expected.append(x)
-    np.testing.assert_allclose(grammar.oscillated(time, values, frequency, damping), expected, atol=2e-3)
+    np.testing.assert_allclose(oscillated(time, values, frequency, damping), expected, atol=2e-3)
 
 
 def test_the_effect_file_holds_an_oscillation_and_what_acts_now_times_the_past() -> None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
 from rovid.core.formatting import TextTemplates
-from rovid.diagnose.formulas.grammar import HOURS, OPERATORS, STATES, THRUST, Factor, Product
+from rovid.diagnose.formulas.products import HOURS, OPERATORS, STATES, THRUST, Factor, Product
 from rovid.effects import Effect
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES

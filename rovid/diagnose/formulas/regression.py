@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.diagnose.formulas.grammar import Grammar, Product
+from rovid.diagnose.formulas.grammar import Grammar
+from rovid.diagnose.formulas.products import Product
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.actuator_inputs import ActuatorInputs
 from rovid.effects.base import OnTorque, Values

@@ -18,7 +18,8 @@ from rovid.core.formatting import significant
 from rovid.diagnose.candidate_fits import bic_score, fit_from_best_start, is_plausible
 from rovid.diagnose.cross_validation import held_out_log_likelihood, simulate_folds
 from rovid.diagnose.formulas.effect_file import effect_of, effect_source, is_possible, names_of
-from rovid.diagnose.formulas.grammar import Grammar, Product
+from rovid.diagnose.formulas.grammar import Grammar
+from rovid.diagnose.formulas.products import Product
 from rovid.diagnose.formulas.regression import InnovationRegression, inclusion, product_effects, regress
 from rovid.diagnose.objectives import SearchProblem, without_waves
 from rovid.diagnose.selection import Selection
