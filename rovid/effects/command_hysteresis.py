@@ -38,6 +38,7 @@ FORMS: tuple[Effect, ...] = (
             replace(
                 EFFECT.parameters[0],
                 initial_values=(2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 18.0, 22.0, 27.0, 33.0, 40.0, 46.0),
+                step=0.5 * _RAMP,  # to the edge of the ramp
             ),
         ),
         equation="u' = u after |u| exceeds the bench's dead zone by b, until u returns to the dead zone; else 0",

@@ -95,8 +95,13 @@ def test_a_threshold_between_two_commands_has_the_error_of_the_gap_between_them(
     found = fit(objective, start)
     assert 0.2 < found.model.values[-1] < 0.6
     error, wider = (float(np.sqrt(found.covariance(sandwich=one)[-1, -1])) for one in (False, True))
-    # The threshold is equally likely between the commands of 0.2 and 0.6 V, less the ramp of the switch.
-    assert error == pytest.approx(0.4 / math.sqrt(12.0), rel=0.25)
+    unit = objective.parametrization.units[-1]
+    tried = [np.append(found.x[:-1], width / unit) for width in np.arange(0.15, 0.65, 0.005)]
+    weight = np.exp(found.value - [objective.value(x) for x in tried])
+    distance = np.array([x[-1] for x in tried]) * unit - found.model.values[-1]
+    expected = math.sqrt(float(weight @ distance**2 / weight.sum()))
+    assert error == pytest.approx(expected, rel=0.25)
+    assert 0.02 < error < 0.2
     assert error <= wider < 10.0 * error
 
 
