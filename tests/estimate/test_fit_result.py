@@ -97,7 +97,7 @@ def test_a_threshold_between_two_commands_has_the_error_of_the_gap_between_them(
     error, wider = (float(np.sqrt(found.covariance(sandwich=one)[-1, -1])) for one in (False, True))
     unit = objective.parametrization.units[-1]
     tried = [np.append(found.x[:-1], width / unit) for width in np.arange(0.15, 0.65, 0.005)]
-    weight = np.exp(found.value - [objective.value(x) for x in tried])
+    weight = np.exp(found.value - np.array([objective.value(x) for x in tried]))
     distance = np.array([x[-1] for x in tried]) * unit - found.model.values[-1]
     expected = math.sqrt(float(weight @ distance**2 / weight.sum()))
     assert error == pytest.approx(expected, rel=0.25)
