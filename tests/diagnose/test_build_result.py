@@ -179,11 +179,11 @@ def test_a_cause_that_a_formula_beats_is_a_suspect(
     """A model that lacks no torque, and no product of signals, is not challenged."""
 
     class Search:
-        lacks_product = product
+        lacks_product, model = product, None
 
         def __init__(self, *_: object, with_sizes: bool) -> None: ...
 
-        def rival(self) -> Any:
+        def rival(self, _: object) -> Any:
             return SimpleNamespace(signals=("rate", "roll")) if is_beaten else None
 
     monkeypatch.setattr(search, "FormulaSearch", Search)
