@@ -162,6 +162,7 @@ def _show_improvement(
     tables.held_out_table(diagnosis, base, extended).print(console, base.estimate.assumptions)
     if removed := sentences.removed_sentence(diagnosis):
         print_text(console, removed)
+        console.print()
 
 
 def show_comparison(
