@@ -16,7 +16,6 @@ from rovid.core.errors import ConfigError, DataError, join_words
 if TYPE_CHECKING:
     from rovid.effects import Effect
     from rovid.estimate.candidate_runs import RunLimits
-    from rovid.model.model import Model
     from rovid.store.parameter_file import Parameters
     from rovid.store.study import Study
 
@@ -228,7 +227,7 @@ def _plan_matrix(
     from rovid.estimate.candidate_runs import standard_programme
     from rovid.estimate.experiment_design import candidate_model, require_thrusters
     from rovid.estimate.isolability import isolability
-    from rovid.present.documents.results import matrix_document
+    from rovid.present.documents.results import estimated_model_sentence, matrix_document
     from rovid.present.terminal.results import show_matrix
     from rovid.readers.campaign import config_without_logs
     from rovid.trial.config import Config
@@ -255,7 +254,7 @@ def _plan_matrix(
             programme = standard_programme(base.model, vehicle, programme, share)
         tested = tested_causes(base, fitted, causes, vehicle, programme)
         found = isolability(base, tested, vehicle, programme, report)
-    warnings = [_no_log_warning(base.model)] if config else []
+    warnings = [estimated_model_sentence(base.model)] if config else []
     document = matrix_document(found, vehicle, warnings)
     context.print_either(document, show_matrix, found, vehicle.assumptions, warnings, json=shared.json)
 
@@ -297,13 +296,3 @@ def _plan_planar(
     warnings += _stale_effects(stored, study.logs)
     document = planar_plan_document(found, study.vehicle, str(commands.path), warnings)
     context.print_either(document, show_planar_plan, found, study, [commands.path], warnings, json=shared.json)
-
-
-def _no_log_warning(model: Model) -> str:
-    """A sentence on a ``model`` that was estimated without a log, with its parameters."""
-    units = (model.axis.unit(unit) for unit in ("kg m^2", "N m s^2/rad^2", "N m s/rad"))
-    values = (model.inertia, model.quadratic_drag, model.linear_drag)
-    names = ("inertia", "quadratic drag", "linear drag")
-    listed = ", ".join(f"{name} {value:.2g} {unit}" for name, value, unit in zip(names, values, units, strict=True))
-    text = "There is no log yet: the model is estimated from mass and size, and may be wrong by a factor of three"
-    return f"{text} ({listed}). Repeat this with the first logs."

@@ -103,12 +103,12 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
     elif waves is not None:
         possible = sorted((*possible, waves), key=lambda one: -one.probability)
     poor = bool(signals) or model.at_limit or model.simulated_r2 < INNOVATIONS_R2
-    lacking, verdict = poor or _lacks_torque(selection, model), "nothing_found"
+    leaves_unexplained, verdict = poor or _lacks_torque(selection, model), "nothing_found"
     if findings:
         verdict = "found"
     elif possible:
         verdict = "suspected"
-    elif lacking:
+    elif leaves_unexplained:
         verdict = "unexplained"
     disturbance, _ = model.disturbance
     # Smallest detectable size of each effect that was not found, to first order.
@@ -133,7 +133,7 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         unexplained_share=disturbance**2 / (disturbance**2 + selection.data.rms_torque**2),
         # Longer predictions were used because one-step ones do not determine the disturbance.
         noise_floor=math.nan if selection.multi_step else rate_floor(model),
-        lacks_torque=lacking,
+        leaves_unexplained=leaves_unexplained,
         position_floors={} if selection.multi_step else {at: position_floor(model, at) for at in HORIZON_SECONDS},
         nested_models=_nested_models(selection, stated.causes),
         detectable=tuple(sizes),

@@ -296,10 +296,10 @@ def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: M
             tested[beside.key] = run_wave_test(wave_data, beside, searched, pieces)
         return tested[beside.key]
 
-    searched, held_out = data, pieces
-    if runs is prepared.items or has_pause(prepared.items):
-        # A part of a log begins anew after a pause; the whole log does not.
-        searched = data if runs is prepared.items else replace(data, runs=runs)
+    is_cut, searched, held_out = runs is not prepared.items, data, pieces
+    if is_cut and has_pause(prepared.items):
+        searched = replace(data, runs=runs)  # A part begins anew after a pause; the whole log does not.
+    if not is_cut or searched is not data:
         held_out = [CvPiece(number, -math.inf, math.inf, run) for number, run in enumerate(searched.runs)]
     innovations = InnovationObjective(
         data=searched, pieces=held_out, wave_data=wave_data, candidates=candidates, budget=budget

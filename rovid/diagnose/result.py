@@ -173,8 +173,8 @@ class Diagnosis(Conclusion):
     #: strongest, and so on.
     nested_models: tuple[Model, ...] = ()
     noise_floor: float = math.nan  #: RMS rate error of a perfect model.
-    #: Whether the extended model still lacks a torque: the noise floor then contains the error by this torque.
-    lacks_torque: bool = False
+    #: Whether the extended model leaves something unexplained: the noise floor then contains the error by it.
+    leaves_unexplained: bool = False
     #: Horizon in s -> RMS position error of a perfect model in rad or m; NaN where unknown.
     position_floors: Mapping[float, float] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()  #: Faults of the logs that the diagnosis found.
@@ -187,7 +187,7 @@ class Diagnosis(Conclusion):
         """Part of the removable mean square rate error that the extended model removes; None where it is not known.
 
         Removable is the mean square error of the plain model on held-out trials less that of a perfect model. Where
-        the extended model lacks a torque, the share is an upper bound.
+        the extended model leaves something unexplained, the share is an upper bound.
         """
         if self.base is None or self.extended is None:
             return None

@@ -213,6 +213,8 @@ class FitResult:
                 moved = self.x.copy()
                 moved[at] += sign * step
                 before, lost = lost, max(self.objective.value(moved) - best, 0.0)
+                if math.isnan(lost):  # the model diverges
+                    lost = math.inf
                 share = 0.5 * (math.exp(-before) + math.exp(-lost)) * (step - near)
                 weight, squares = weight + share, squares + share * (0.5 * (near + step)) ** 2
                 near, step, loss = step, step * _GROWTH, max(loss, lost)

@@ -64,6 +64,8 @@ _ABSORBED = "absorbed"
 _LEAST_GAIN = 4.8
 # Least share of information that is left to a torque beside the parameters of the model; rounding errors are smaller.
 _LEAST_SHARE = 1e-6
+# Information on a shift of the commands in half sampling intervals, by a prior that is uniform over one interval.
+_SHIFT_INFORMATION = 3.0
 # Least step between two readings in rad or m; floating-point errors are smaller. Share of the variance of the noise.
 _NO_STEP, _ROUNDED_SHARE = 1e-9, 0.25
 # Number of inertia and drags, and growth of their standard errors that is reported.
@@ -283,7 +285,7 @@ def _scores(fitted: FitResult) -> _Scores:
         _equations(fitted.x, own, list(zip(chunk, starts, strict=True))) for own, *chunk in chunks
     )
     if shift_of_commands:
-        information[-1, -1] += 3.0  # uniform over the interval, in units of half of it
+        information[-1, -1] += _SHIFT_INFORMATION
     names = [""] * count + [
         kind.key if kind.key in _OWN else kind.id for kind, own in zip(others, starts, strict=True) for _ in own
     ]

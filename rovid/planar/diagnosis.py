@@ -46,7 +46,7 @@ _OUTWEIGHED = "{} explains these logs better, also held-out ones, but failed a t
 # Least share of the best predicted gain for which a current is tried first: with rudders, whose hulls take longer to
 # fit, and without. Score tests are good to a factor of a few. Nats by which the model in the current has to be
 # likelier.
-_LEAST_SHARES, _BETTER = (0.5, 0.1), 10.0
+_RUDDER_SHARE, _LEAST_SHARE, _BETTER = 0.5, 0.1, 10.0
 # Probability that either of two criteria is right that name different causes. A decision.
 _ONE_OF_TWO = 0.5
 
@@ -135,7 +135,7 @@ def _in_current(search: PlanarSearch) -> PlanarSearch:
     tests = search.screen(base) if anew and search.is_usable(base) else []
     currents = [one for one in tests if isinstance(one.effect.acts, WaterCurrent)]
     test = next((one for one in currents if not one.effect.form), None)
-    share = _LEAST_SHARES[not data.actuators.rudders]
+    share = _RUDDER_SHARE if data.actuators.rudders else _LEAST_SHARE
     if test is None or currents[0].gain < max(search.threshold, share * tests[0].gain):
         return search
     search.budget.report("Fitting the model in the current …")

@@ -39,9 +39,9 @@ def likelier_suspects(tested: Sequence[Finding], likelier: Sequence[Finding]) ->
 
 
 def outweighed(tested: Sequence[Finding], rejected: Sequence[Finding]) -> list[tuple[Finding, Finding]]:
-    """Causes that came in the place of a ``rejected`` one which explains the logs better, and that one.
+    """Pairs of a cause and a ``rejected`` cause that explains the logs better.
 
-    A cause that the gate rejects by mistake leaves its place to another one.
+    If the gate rejects a true cause, another cause takes its place.
     """
     pairs = [(one, other) for one in tested for other in rejected if other.effect.id != one.effect.id]
     better = {

@@ -148,7 +148,7 @@ def removed_sentence(diagnosis: Diagnosis) -> str:
         text = f"A perfect model would remove at least {removable} % {error}; no cause is established."
         return text if diagnosis.verdict in ("suspected", "unexplained") else ""
     at_most, percent = "", round(100.0 * share)
-    if diagnosis.lacks_torque:  # The noise floor contains the torque. A bound of 100 % is no bound.
+    if diagnosis.leaves_unexplained:  # The noise floor contains the torque. A bound of 100 % is no bound.
         at_most, percent = "at most ", math.ceil(100.0 * share)
     if percent < 1 or (at_most and percent >= 100):
         return ""

@@ -119,7 +119,7 @@ def assessment(rate_rmse: float, *effects: str) -> ModelAssessment:
         (1.0, {}, "The causes remove all of the mean square yaw rate error that a perfect model would remove."),
         (
             3.0,
-            {"lacks_torque": True},
+            {"leaves_unexplained": True},
             "The causes remove at most 77 % of the mean square yaw rate error that a perfect model would remove.",
         ),
         (
@@ -127,7 +127,7 @@ def assessment(rate_rmse: float, *effects: str) -> ModelAssessment:
             {"signals": ((DELAY, 30.0),)},
             "The extended model removes 76 % of the mean square yaw rate error that a perfect model would remove.",
         ),
-        (2.0, {"lacks_torque": True}, ""),
+        (2.0, {"leaves_unexplained": True}, ""),
         (6.0, {}, ""),
         (3.0, {"noise_floor": 2.6}, ""),
         (3.0, {"noise_floor": np.nan}, ""),
@@ -142,7 +142,7 @@ def test_the_causes_are_measured_by_a_perfect_model(extended: float, changes: di
 
 def test_without_causes_the_part_that_a_perfect_model_would_remove_is_said() -> None:
     base = assessment(5.0)
-    diagnosis = Diagnosis(verdict="unexplained", base=base, extended=base, noise_floor=1.9, lacks_torque=True)
+    diagnosis = Diagnosis(verdict="unexplained", base=base, extended=base, noise_floor=1.9, leaves_unexplained=True)
     said = "A perfect model would remove at least 85 % of the mean square yaw rate error; no cause is established."
     assert removed_sentence(diagnosis) == said
     assert removed_sentence(replace(diagnosis, verdict="nothing_found")) == ""

@@ -114,7 +114,7 @@ class _Law(NamedTuple):
                 inside |= {"u": now, "x0": past, "x1": f"x[{first + 1}]"}
                 derivatives += [code.format(**inside) for code in operator.derivatives]
                 values = {f"c{n}": f'values["{name}"]' for n, name in enumerate(constants)}
-                fastest.append(operator.fastest.format(**values) or "1e-9")
+                fastest.append(operator.fastest.format(**values))
             if product.operator:
                 beside = [_code(product.outside)] * bool(product.outside)
                 now = " * ".join([*beside, f"({past} - {now})" if product.is_change else past])

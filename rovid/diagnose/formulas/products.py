@@ -107,7 +107,7 @@ class Operator(NamedTuple):
     #: Code of the derivatives of its states x0 and x1, of which the first is the output; u is the value, c0 and c1 are
     #: the constants. Without states it acts on the series of a trial.
     derivatives: tuple[str, ...] = ()
-    fastest: str = ""  #: Code of the fastest rate of change of the states in 1/s; empty: no faster than the motion.
+    fastest: str = "1e-9"  #: Code of the fastest rate of change of the states in 1/s; here no faster than the motion.
     of_swept: bool = False  #: Whether the swept angle takes the place of the time: a wake is left behind by distance.
 
 

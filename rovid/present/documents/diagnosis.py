@@ -41,7 +41,7 @@ def diagnosis_document(diagnosis: result.Diagnosis, study: Study) -> fits.Docume
         "horizons": horizons,
         "extended": _assessment(diagnosis.extended, axis),
         "held_out_gain": _held_out_gain(diagnosis, axis),
-        "removed_share": {"value": diagnosis.removed_share, "upper_bound": diagnosis.lacks_torque},
+        "removed_share": {"value": diagnosis.removed_share, "upper_bound": diagnosis.leaves_unexplained},
         "unexplained": {
             "share_of_torque_variance": diagnosis.unexplained_share,
             "depends_on": list(dict.fromkeys(signal["signal"] for signal in signals)),

@@ -12,6 +12,7 @@ from rovid.diagnose.formulas.search import Discovery, units_of
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.estimate.isolability import IsolabilityMatrix
 from rovid.export.verification import Mismatch, VerifiedExport
+from rovid.model.model import Model
 from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.standard_manoeuvres import RunManoeuvre
@@ -93,6 +94,16 @@ def plan_document(
         "commands": commands_by_name(plan),
         **fits.closing_document(vehicle.assumptions, warnings),
     }
+
+
+def estimated_model_sentence(model: Model) -> str:
+    """A sentence on a ``model`` that was estimated without a log, with its parameters."""
+    units = (model.axis.unit(unit) for unit in ("kg m^2", "N m s^2/rad^2", "N m s/rad"))
+    values = (model.inertia, model.quadratic_drag, model.linear_drag)
+    names = ("inertia", "quadratic drag", "linear drag")
+    listed = ", ".join(f"{name} {value:.2g} {unit}" for name, value, unit in zip(names, values, units, strict=True))
+    text = "There is no log yet: the model is estimated from mass and size, and may be wrong by a factor of three"
+    return f"{text} ({listed}). Repeat this with the first logs."
 
 
 def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle, warnings: Sequence[str]) -> fits.Document:
