@@ -21,6 +21,7 @@ from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import Linearisation, PlanarOptimum, chord_fit
 from rovid.planar.start_values import start_values, with_rudders_of
+from rovid.planar.uncertainty import with_variance
 
 # Effects that a vehicle with a rudder is likely to have, because its hull moves ahead: lift in proportion to the speed
 # (Fossen 2011, section 6.4.2). Least gain in nats beyond the BIC penalty for which they are part of the base model.
@@ -161,14 +162,9 @@ def _as_ship(lifted: PlanarOptimum, runs: FreeRuns | None) -> PlanarOptimum:
 
 
 def with_shape_error(model: PlanarModel, covariance: FloatArray) -> FloatArray:
-    """(q, q) ``covariance`` of a ship's model in which the error of the forces of third order is that of their shape.
-
-    The other parameters follow the coefficient as they do in the ``covariance``: the motion in the runs stays the same.
-    """
+    """(q, q) ``covariance`` of a ship's model in which the error of the forces of third order is that of their shape."""
     at = model.names.index(f"{SHIP}.coefficient")
-    variance = max(float(covariance[at, at]), 1e-300)
-    along = covariance[:, at] / variance
-    return np.asarray(covariance + ((_SHAPE_ERROR * model.values[at]) ** 2 - variance) * np.outer(along, along))
+    return with_variance(covariance, at, float((_SHAPE_ERROR * model.values[at]) ** 2))
 
 
 def add_effect(base: PlanarOptimum, effect: Effect, data: PlanarData) -> PlanarOptimum:

@@ -37,6 +37,7 @@ from rovid.planar.uncertainty import (
     parameter_scale,
     total_covariance,
     undetermined_directions,
+    with_rigid_body,
     yaw_alone_covariance,
 )
 
@@ -280,6 +281,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         if not free[at]:
             refused[name] = _reason(name, axes, is_ship=is_ship)
     refused |= dict(_lighter_than_rigid(data.vehicle.mass, model, np.sqrt(np.diag(covariance)), refused))
+    covariance = with_rigid_body(covariance, model.values, data.vehicle.mass)
     # A contradiction to the prior may be what the model misses: it does not widen the errors that show it.
     prior = PriorUse.of(best, covariance - misfit, scale, refused)
     latency = _shown_latency(best)
@@ -381,7 +383,7 @@ def _warnings(
         shares = ", ".join(f"{name} {r2[name]:.2f}" for name in poor)
         yield f"R^2 of the free-running simulation is low: {shares}. The model misses something in these runs."
     least = _lighter_than_rigid(data.vehicle.mass, best.model, np.zeros(len(best.model.names)), refused)
-    yield from (f"{name} may be too small: {why}." for name, why in least)
+    yield from (f"{name} may be too small: {why}. Its error includes the difference." for name, why in least)
 
 
 def _lighter_than_rigid(

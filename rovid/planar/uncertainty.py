@@ -123,6 +123,27 @@ def misfit_variance(best: PlanarOptimum, r2: Mapping[str, float], scale: FloatAr
     return np.asarray(found * scale**2 / 3.0)
 
 
+def with_variance(covariance: FloatArray, at: int, variance: float) -> FloatArray:
+    """(q, q) ``covariance`` with another ``variance`` of the parameter ``at``.
+
+    The other parameters follow it as they do in the ``covariance``: the motion in the runs stays the same.
+    """
+    before = max(float(covariance[at, at]), 1e-300)
+    along = covariance[:, at] / before
+    return np.asarray(covariance + (variance - before) * np.outer(along, along))
+
+
+def with_rigid_body(covariance: FloatArray, values: FloatArray, mass: float | None) -> FloatArray:
+    """(q, q) ``covariance`` of the ``values`` of a model, whose inertias include what they lack of the ``mass``.
+
+    No added mass is negative: what an inertia of surge or sway lacks is an error that the logs do not show.
+    """
+    for at in (0, 1) if mass is not None else ():
+        lack = max(mass - float(values[at]), 0.0)
+        covariance = with_variance(covariance, at, float(covariance[at, at]) + lack**2)
+    return covariance
+
+
 def parameter_scale(best: PlanarOptimum) -> FloatArray:
     """(q,) sizes of the model parameters at which each would matter as much as all forces of its axis."""
     coordinates, base = best.coordinates, best.model.base

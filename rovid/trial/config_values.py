@@ -270,6 +270,8 @@ class ConfigValues:
         speed = str(block.get("speed", "surge_velocity"))
         if speed not in signals:
             mend = f'Add {speed} = {{ csv = "COLUMN" }} to [signals], or name another signal with speed = "NAME".'
+            if {"north", "surge_velocity"} & {*signals}:
+                mend += " `--axes planar` estimates the speed from what is logged."
             raise self.error(place, f"needs the speed {speed}, which is not in [signals].", mend)
         wheels = "wheelbase" in block
         key = "wheelbase" if wheels else "coefficient"

@@ -336,6 +336,17 @@ def test_a_model_misses_much_where_likelihood_and_simulations_fail(
     assert free_runs.misses_much(best, data) is expected
 
 
+def test_what_an_inertia_lacks_of_the_mass_is_part_of_its_error(small: tuple[PlanarData, PlanarOptimum]) -> None:
+    data, best = small
+    plain = planar_result(data, best).estimate
+    mass = 1.08 * plain.value("surge.inertia")
+    heavy = planar_result(replace(data, vehicle=replace(data.vehicle, mass=mass)), best).estimate
+    before, after = (one.standard_error("surge.inertia") for one in (plain, heavy))
+    assert after == pytest.approx(np.hypot(before, mass - plain.value("surge.inertia")))
+    assert before < 0.2 * after
+    assert heavy.standard_error("sway.inertia") >= plain.standard_error("sway.inertia")
+
+
 def test_results_of_guessed_arms_are_placeholders(small: tuple[PlanarData, PlanarOptimum]) -> None:
     data, base = small
     thrusters = tuple(replace(one, arm_guessed=True) for one in data.vehicle.thrusters)
