@@ -162,7 +162,7 @@ def _as_ship(lifted: PlanarOptimum, runs: FreeRuns | None) -> PlanarOptimum:
 
 
 def with_shape_error(model: PlanarModel, covariance: FloatArray) -> FloatArray:
-    """(q, q) ``covariance`` of a ship's model in which the error of the forces of third order is that of their shape."""
+    """(q, q) ``covariance`` of a ship, with the error of the shape as that of the forces of third order."""
     at = model.names.index(f"{SHIP}.coefficient")
     return with_variance(covariance, at, float((_SHAPE_ERROR * model.values[at]) ** 2))
 

@@ -104,7 +104,7 @@ def test_a_quadratic_curve_stays_near_its_parabola() -> None:
         (RUDDER.replace("40.0", "0"), "coefficient: is 0"),
         (RUDDER.replace('angle = "x"', ""), "'rudder': has no angle"),
         (RUDDER.replace('surge_velocity = "u"', ""), "needs the speed surge_velocity, which is not in"),
-        (RUDDER.replace("surge_velocity", "north"), r'name another signal with speed = "NAME"\. `--axes planar` estimates'),
+        (RUDDER.replace("surge_velocity", "north"), r'speed = "NAME"\. `--axes planar` estimates'),
         (RUDDER + 'torque = "n"\n', r"torque: is given in addition to \[\[thrusters\]\]"),
         ('[signals]\nheading = "h"\ntorque = "n"\nyaw_rate_order = "r"\n', "in addition to yaw_rate_order"),
     ],
