@@ -173,13 +173,13 @@ def select_directly(problem: SearchProblem) -> Selection | None:
 def select_next_to_waves(problem: SearchProblem, start: FitResult, is_hopeless: StopRule) -> Selection | None:
     """One-step selection from ``start``, repeated next to waves where these are established; None as above."""
     selection = select_by_innovations(problem, start, start, is_hopeless)
-    if selection is None:
-        return None
-    waves = None if selection.is_out_of_time else problem.wave_test(selection.model).established
-    if waves is None:
+    model = start if selection is None else selection.model
+    # No cause may dominate because waves do.
+    is_out_of_time = selection is not None and selection.is_out_of_time
+    if is_out_of_time or (waves := problem.wave_test(model).established) is None:
         return selection
-    # Effects selected without the waves may stand in for them: if the second search fails, the first does not count.
-    return select_by_innovations(problem, waves, selection.model, cannot_whiten)
+    # Effects selected without waves may stand in for them. If the second search fails, the first does not count.
+    return select_by_innovations(problem, waves, model, cannot_whiten)
 
 
 def select_by_innovations(

@@ -22,7 +22,7 @@ from rovid.estimate.output_error import fit_output_error
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS as HORIZON_SECONDS
-from rovid.model.simulation import fit_measures, simulate_runs
+from rovid.model.simulation import fit_measures, simulate_runs, states_at_starts
 from rovid.trial.preprocessing import PreparedRuns, Run, prepare_trials
 from rovid.trial.rates import highest_cutoff
 from rovid.trial.trial import Trial
@@ -322,12 +322,14 @@ def _horizon_squares(
     """(p, q) sums of squared position errors of each piece, by the fit to the others, and their numbers."""
     data = MultiStepData.from_data(fitted.data, fitted.data.initial_model)
     piece, shape = _piece_index(data, pieces), (len(pieces), len(HORIZONS))
-    squares, count = np.zeros(shape), np.zeros(shape)
+    squares, count, vehicle = np.zeros(shape), np.zeros(shape), fitted.data.vehicle
+    assert vehicle is not None  # noqa: S101 - a diagnosis has one
     for fold in folds:
         model = fitted.objective.parametrization.model(fold.x)
         own = np.isin(piece, list(map(pieces.index, fold.pieces)))
         at = piece[own], data.horizon[own]
-        np.add.at(squares, at, prediction_errors(data, model)[own] ** 2)
+        errors = prediction_errors(data, model, states_at_starts(data.runs, model, vehicle))
+        np.add.at(squares, at, errors[own] ** 2)
         np.add.at(count, at, 1.0)
     return squares, count
 

@@ -146,8 +146,11 @@ class MultiStepData(FitData):
         return min(_BLOCK * self.time_constant, total / _BLOCKS)
 
 
-def prediction_errors(data: MultiStepData, model: Model) -> FloatArray:
-    """(N,) predicted minus measured position at the end of every prediction, in rad or m."""
+def prediction_errors(data: MultiStepData, model: Model, first_states: FloatArray | None = None) -> FloatArray:
+    """(N,) predicted minus measured position at the end of every prediction, in rad or m.
+
+    ``first_states``: (r, m * TERM_STATES) states of the terms at the first sample of each run; zeros by default.
+    """
     from rovid.model.kernels import effects_along, predict_multi_step
 
     grid = data.grid
@@ -169,10 +172,11 @@ def prediction_errors(data: MultiStepData, model: Model) -> FloatArray:
         motion = np.column_stack((measured.bridged_rate, measured.angle, torque))
         offsets = np.cumsum([0, *(len(gridded.time) for gridded in data.gridded_runs)])
         periods = np.array([gridded.period for gridded in data.gridded_runs])
-        states = effects_along(offsets, periods, motion, effect_inputs, first, model.body, model.terms)[1]
-    known = torque, effect_inputs, measured.rate, measured.angle, states
+        known = motion, effect_inputs, first, model.body, model.terms, first_states
+        states = effects_along(offsets, periods, *known)[1]
+    course = torque, effect_inputs, measured.rate, measured.angle, states
     restarts = grid.restarts, grid.reach, first[grid.run]
-    turned = predict_multi_step(grid.period, *known, *restarts, model.body, model.terms)
+    turned = predict_multi_step(grid.period, *course, *restarts, model.body, model.terms)
     predicted = turned[grid.restart_number, grid.ends - grid.starts]
     # The likelihood is that of the measured position, including the sensor's deviation.
     error = predicted - (measured.angle[grid.ends] - measured.angle[grid.starts])

@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.effects.base import TERM_STATES
 from rovid.estimate.dataset import FitData, InputCache
 from rovid.jit.decorators import compiled
-from rovid.model.bound_effects import term_values
+from rovid.model.bound_effects import term_values, unknown_states
 from rovid.model.filter_batch import FilterData, FilterInputs, ParameterBatch
 from rovid.model.model import Model
 from rovid.model.torque_input import TorqueInput
@@ -102,17 +101,9 @@ class UnknownPasts:
 
     def _water(self, models: Sequence[Model]) -> list[tuple[int, FloatArray]]:
         """Index among the states of all terms, and (LANES,) standard deviation, of each unknown state of water."""
-        lanes = [term_values(model.terms) for model in models]
-        found = []
-        for at, each in enumerate(zip(*lanes, strict=True)):
-            term, _ = each[0]
-            if term.unknown_start is None:
-                continue
-            rows = []
-            for (_, values), model in zip(each, models, strict=True):
-                rows.append(term.unknown_start(values, self.rate, self.torque / model.inertia))
-            found += [(TERM_STATES * at + state, own) for state, own in enumerate(np.array(rows).T) if own.all()]
-        return found
+        lanes = [unknown_states(model.terms, self.rate, self.torque / model.inertia) for model in models]
+        states = [(each[0][0], np.array([std for _, std in each])) for each in zip(*lanes, strict=True)]
+        return [(row, stds) for row, stds in states if stds.all()]
 
     def _duration(self, given: TorqueInput, moved: TorqueInput) -> float:
         """Time in s after which the torque before has no influence on the torque."""
@@ -162,17 +153,15 @@ class UnknownPasts:
 
 
 def water_warning(model: Model, data: FitData) -> list[str]:
-    """Warning that simulations start water and tether at rest in runs that begin in motion; empty where none does."""
+    """Warning that water and tether may not be at rest in runs that begin in motion; empty where none does."""
     names = [run.trial.name for run in data.driven_runs if run.trial.past is not None]
     if not names or all(term.unknown_start is None for term, _ in term_values(model.terms)):
         return []
     more = f" and of {len(names) - 1} more" if len(names) > 1 else ""
-    allowed = "" if data.means_only else "The parameters allow for this. "
-    text = (
-        f"The water may already move, or the tether be stretched, at the start of {names[0]}{more}. {allowed}"
-        "Simulations and multi-step predictions start with both at rest, and their first errors may be too large there."
-    )
-    return [text]
+    allowed = "The parameters allow for this, and simulations start with what fits the measured motion best."
+    if data.means_only:
+        allowed = "The fitted predictions start with both at rest, and their first errors may be too large there."
+    return [f"The water may already move, or the tether be stretched, at the start of {names[0]}{more}. {allowed}"]
 
 
 def _each(series: Sequence[Any], function: Callable[[Any], Any]) -> list[Any]:

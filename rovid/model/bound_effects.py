@@ -8,7 +8,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects import Effect, term_effect, term_kind
-from rovid.effects.base import TERM_PARAMETERS, Body, Term, Values
+from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Term, Values
 from rovid.jit.simd import LANES
 
 Action = TypeVar("Action")
@@ -60,6 +60,19 @@ def term_values(terms: PackedTerms) -> list[tuple[Term, Values]]:
         assert isinstance(effect.acts, Term)  # noqa: S101 - all of them are
         found.append((effect.acts, effect.values(terms.parameters[first : first + len(effect.parameters), 0])))
     return found
+
+
+def unknown_states(terms: PackedTerms, rate: float, acceleration: float) -> list[tuple[int, float]]:
+    """Index and standard deviation of each state of water or tether at the first sample of a log that begins in motion.
+
+    ``rate``, ``acceleration``: Size of the motion in rad/s and rad/s^2, see `Term.unknown_start`.
+    """
+    return [
+        (TERM_STATES * at + state, std)
+        for at, (term, values) in enumerate(term_values(terms))
+        if term.unknown_start is not None
+        for state, std in enumerate(term.unknown_start(values, rate, acceleration))
+    ]
 
 
 class Equation(NamedTuple):

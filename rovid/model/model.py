@@ -177,14 +177,17 @@ class Model:
             trial = with_past(trial, self.body, vehicle)
         return self.actuators.torque_input(vehicle, trial)
 
-    def simulate(self, trial: Trial, torque_input: TorqueInput) -> tuple[FloatArray, FloatArray]:
-        """Free-running simulation of ``trial`` from its first sample.
+    def simulate(
+        self, trial: Trial, torque_input: TorqueInput, states: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Free-running simulation of ``trial`` from its first sample, with ``states`` of the terms as in `integrate`.
 
         Returns ``rate``, ``position``: (n,) body rate and position as the sensors would measure them, at the instants
             of ``trial``. The position starts at the first measured one. In yaw with logged roll and pitch, the heading
             rate is psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
         """
-        rate, angle = integrate(self.equation_for(trial), trial.time, torque_input, self._initial_motion(trial))
+        begin = self._initial_motion(trial)
+        rate, angle = integrate(self.equation_for(trial), trial.time, torque_input, begin, states)
         if self.axis is YAW and trial.roll is not None and trial.pitch is not None:
             angle = euler_heading(trial, rate)
         first = int(np.argmax(trial.measured))

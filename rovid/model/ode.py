@@ -95,13 +95,18 @@ def integrate_batch(
 
 
 def evaluate_along(
-    equation: Equation, period: float, trajectory: Sequence[FloatArray], effect_inputs: FloatArray
+    equation: Equation,
+    period: float,
+    trajectory: Sequence[FloatArray],
+    effect_inputs: FloatArray,
+    states: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) torque in N m of all terms, and their (n, m * TERM_STATES) states, along a measured trajectory.
 
     ``period``: s between the instants.
     ``trajectory``: (n,) rate, angle since the start of the trial, and thruster torque. Gaps are interpolated linearly.
     ``effect_inputs``: (n, 3) as in `TorqueInput`, with the same interpolation.
+    ``states``: (m * TERM_STATES,) states of the terms at the first instant; zeros by default.
     """
     from rovid.model.kernels import effects_along
 
@@ -109,7 +114,7 @@ def evaluate_along(
         np.column_stack([interpolate_gaps(values) for values in series]) for series in (trajectory, effect_inputs.T)
     )
     offsets, periods, starts = np.array([0, len(motion)]), np.array([period]), np.array([equation.start])
-    return effects_along(offsets, periods, motion, inputs, starts, equation.body, equation.terms)
+    return effects_along(offsets, periods, motion, inputs, starts, equation.body, equation.terms, states)
 
 
 def initial_rate(trial: Trial, natural_frequency: float = 0.0) -> float:

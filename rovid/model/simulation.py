@@ -1,5 +1,6 @@
 """Free-running simulation of trials, compared to the measurement."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -7,8 +8,10 @@ from functools import partial
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.effects.base import TERM_STATES
+from rovid.model.bound_effects import unknown_states
 from rovid.model.model import Model
-from rovid.model.ode import evaluate_along, integrate
+from rovid.model.ode import evaluate_along, integrate, with_past
 from rovid.model.torque_input import TorqueInput
 from rovid.trial.preprocessing import Run
 from rovid.trial.rates import resample
@@ -46,7 +49,43 @@ class TrialSimulation:
 
 def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[TrialSimulation]:
     """Simulate every run with the commands of its trial, and compare it to the measurement."""
-    return [_simulate(run, model, model.torque_input(vehicle, run.trial)) for run in runs]
+    return [_simulate(run, model, vehicle) for run in runs]
+
+
+def states_at_starts(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> FloatArray | None:
+    """(r, m * TERM_STATES) states of the terms at the first sample of each run; None if no term has states."""
+    if not model.terms.stateful:
+        return None
+    return np.array([_states_at_start(run, model, vehicle, model.torque_input(vehicle, run.trial)) for run in runs])
+
+
+def _states_at_start(run: Run, model: Model, vehicle: Vehicle, torque_input: TorqueInput) -> FloatArray:
+    """(m * TERM_STATES,) states of the terms at the first sample of a ``run``; zeros if it begins at rest.
+
+    The errors of the simulation from rest are regressed on what each unknown state of water or tether changes. Its
+    prior has the standard deviation of `Term.unknown_start`.
+    """
+    at_rest = np.zeros(TERM_STATES * len(model.terms.kinds))
+    if not model.terms.stateful or with_past(run.trial, model.body, vehicle).past is None:
+        return at_rest
+    rate, torque = (math.sqrt(float(np.nanmean(np.square(one)))) for one in (run.rates.rate, torque_input.torque))
+    unknown = [one for one in unknown_states(model.terms, rate, torque / model.inertia) if one[1] > 0.0]
+    if not unknown:
+        return at_rest
+    begins = np.zeros((len(unknown), len(at_rest)))
+    begins[range(len(unknown)), [at for at, _ in unknown]] = [std for _, std in unknown]
+    rates = [
+        run.rates.smooth_samples(run.trial, model.simulate(run.trial, torque_input, states)[0])
+        for states in (at_rest, *begins)
+    ]
+    known = np.isfinite(run.rates.rate) & np.isfinite(rates).all(axis=0)
+    error = (run.rates.rate - rates[0])[known]
+    changes = np.column_stack([(rate - rates[0])[known] for rate in rates[1:]])
+    best = np.linalg.lstsq(changes, error)[0]
+    noise = float(np.sum((error - changes @ best) ** 2)) / max(len(error), 1)
+    # The prior of each share is the standard normal distribution.
+    shares = np.linalg.lstsq(changes.T @ changes + noise * np.eye(len(unknown)), changes.T @ error)[0]
+    return np.asarray(shares @ begins)
 
 
 def simulated_rate(run: Run, model: Model, torque_input: TorqueInput) -> FloatArray:
@@ -80,8 +119,10 @@ def fit_measures(measured: FloatArray, simulated: FloatArray) -> FitMeasures:
     return FitMeasures(samples=int(known.sum()), r2=1.0 - ratio, fit_percent=fit_percent, rmse=rmse)
 
 
-def _simulate(run: Run, model: Model, torque_input: TorqueInput) -> TrialSimulation:
-    rate, position = model.simulate(run.trial, torque_input)
+def _simulate(run: Run, model: Model, vehicle: Vehicle) -> TrialSimulation:
+    torque_input = model.torque_input(vehicle, run.trial)
+    states = _states_at_start(run, model, vehicle, torque_input)
+    rate, position = model.simulate(run.trial, torque_input, states)
     simulated = run.rates.smooth_samples(run.trial, rate)
     return TrialSimulation(
         run=run,
@@ -89,11 +130,13 @@ def _simulate(run: Run, model: Model, torque_input: TorqueInput) -> TrialSimulat
         measured=run.rates.rate,
         simulated=simulated,
         position=position,
-        position_errors=_position_errors(run, model, torque_input),
+        position_errors=_position_errors(run, model, torque_input, states),
     )
 
 
-def _position_errors(run: Run, model: Model, torque_input: TorqueInput) -> dict[float, float | None]:
+def _position_errors(
+    run: Run, model: Model, torque_input: TorqueInput, first_states: FloatArray
+) -> dict[float, float | None]:
     rates, trial = run.rates, run.trial
     # Angle about the body's own axis: the measured position without the sensor's deviation and the effect of logged
     # tilt.
@@ -106,7 +149,8 @@ def _position_errors(run: Run, model: Model, torque_input: TorqueInput) -> dict[
     # The filter gives no rate at the ends of a trial. The water moves there already.
     full_rate = np.where(np.isfinite(rate), rate, np.gradient(turned, rates.kernel.period))
     equation = model.equation_for(trial)
-    _, states = evaluate_along(equation, rates.kernel.period, (full_rate, turned, torque), effect_inputs)
+    motion = full_rate, turned, torque
+    _, states = evaluate_along(equation, rates.kernel.period, motion, effect_inputs, first_states)
 
     def predicted_turn(at: int, end: int) -> float:
         part = slice(at, end + 1)

@@ -13,7 +13,7 @@ from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
-from rovid.model.simulation import fit_measures, pooled_fit, simulate_runs
+from rovid.model.simulation import fit_measures, pooled_fit, simulate_runs, states_at_starts
 from rovid.model.torque_input import TorqueInput
 from rovid.trial.preprocessing import Run
 from rovid.trial.rates import compute_rates
@@ -186,3 +186,30 @@ def test_a_restart_has_the_states_along_the_trajectory(key: str, values: tuple[f
         assert error is not None
         assert worse is not None
         assert error < 0.1 * worse
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [("entrained_swirl", (0.3, 60.0)), ("tank_seiche", (0.3, 1.3, 0.03)), ("added_mass_memory", (2000.0, 20.0))],
+)
+def test_a_log_that_begins_in_motion_begins_with_moving_water(key: str, values: tuple[float, ...]) -> None:
+    moving = replace(ROSUB, effects=(effect_named(key),), effect_values=values)
+    time = clock(160.0)
+    whole = run(time, 200.0 * np.sin(2.0 * np.pi * time / 80.0) + 200.0 * np.sin(2.0 * np.pi * time / 5.0))
+    heading = moving.simulate(whole.trial, TorqueInput.held(whole.torque))[1]
+
+    def logged(begin: int) -> Run:
+        log = trial(time[begin:] - time[begin], whole.torque[begin:], heading[begin:])
+        rates, torque = compute_rates(log, cutoff=1.0), whole.torque[begin:]
+        return Run(trial=log, torque=torque, rates=rates, filtered_torque=whole.filtered_torque[begin:])
+
+    cut = logged(len(time) // 2)
+    from_rest = cut.rates.smooth_samples(cut.trial, moving.simulate(cut.trial, TorqueInput.held(cut.torque))[0])
+    (made,) = simulate_runs([cut], moving, LOGGED)
+    # What is left is due to the initial rate, which comes from the first headings.
+    assert made.fit.rmse < 0.25 * fit_measures(cut.rates.rate, from_rest).rmse
+    # Of a log that begins at rest nothing is estimated, and a model without such states has none.
+    states = states_at_starts([logged(0)], moving, LOGGED)
+    assert states is not None
+    assert not states.any()
+    assert states_at_starts([cut], ROSUB, LOGGED) is None

@@ -13,7 +13,6 @@ from rovid.model.kernels.effect_terms import (
     SCRATCH_ROWS,
     broadcast_equation,
     call_sum_terms,
-    clear_rows,
     copy_rows,
     gather,
     reset_states,
@@ -121,6 +120,7 @@ def effects_along(
     starts: FloatArray,
     body: Body,
     terms: Any,
+    first_states: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) torque in N m of all terms, and their (n, m * TERM_STATES) states, along measured trajectories of r runs.
 
@@ -129,9 +129,12 @@ def effects_along(
     ``trajectory``: (n, 3) rate, angle since the start of the trial, and thruster torque, which is held.
     ``effect_inputs``: (n, 3), see `rovid.model.torque_input.TorqueInput`.
     ``body``, ``terms``: Those of the common `rovid.model.bound_effects.Equation`.
+    ``first_states``: (r, m * TERM_STATES) states at each run's first instant; zeros by default.
     """
     count = TERM_STATES * len(terms.kinds)
     torque, states = np.zeros(len(trajectory)), np.zeros((len(trajectory), count))
+    if first_states is not None:
+        states[offsets[:-1]] = first_states
     at, work = np.zeros((2, LANES), dtype=np.int64), np.zeros((4, count + SCRATCH_ROWS, LANES))
     runs, measured = (offsets, periods, starts), (trajectory, effect_inputs)
     _follow(runs, measured, Equation(body, terms, 0.0), at, work, torque, states)
@@ -141,7 +144,7 @@ def effects_along(
 @warmed_up
 @njit_noalloc
 def _follow(runs: Any, measured: Any, equation: Any, at: Any, work: Any, torque: Any, states: Any) -> None:
-    """Follow one trajectory in each lane; fills in ``torque`` and ``states``."""
+    """Follow one trajectory in each lane; fills in ``torque``, and ``states`` after each run's first instant."""
     (offsets, periods, starts), (trajectory, effect_inputs), terms = runs, measured, equation.terms
     state, derivative, stage_state, sums = work[0], work[1], work[2], work[3]
     body = broadcast_equation(equation).body
@@ -152,10 +155,11 @@ def _follow(runs: Any, measured: Any, equation: Any, at: Any, work: Any, torque:
             own = min(first + i, len(periods) - 1)
             period, origin = insert(period, i, periods[own]), insert(origin, i, starts[own])
             longest = max(longest, offsets[own + 1] - offsets[own])
+            for j in range(states.shape[1]):
+                state[j, i] = states[offsets[own], j]
         own_equation = Equation(body, terms, origin)
         steps = state_substeps(reduce_max(period), terms)
         h, rows = period / steps, TERM_STATES * terms.stateful
-        clear_rows(state)
         for k in range(longest):
             # This instant of each run and the next one, or the run's last.
             for i in range(LANES):
