@@ -60,7 +60,7 @@ def _unknown_start(values: Values, rate: float, acceleration: float) -> tuple[fl
 
 _INERTIA = EffectParameter(name="inertia", unit="kg m^2", low=-0.5, high=4.0, initial_values=(0.2,), scale="inertia")
 _TIME_CONSTANT = EffectParameter(
-    name="time_constant", unit="s", neutral=1.0, low=0.1, high=60.0, initial_values=(0.5, 3.0), scale="time"
+    name="time_constant", unit="s", neutral=1.0, low=0.02, high=60.0, initial_values=(0.5, 3.0), scale="time"
 )
 EFFECT: Effect = Effect(
     id="added_mass_memory",
@@ -80,7 +80,7 @@ FORMS: tuple[Effect, ...] = (
         parameters=(
             replace(_INERTIA, low=0.0),
             # At a relative rate of 0.3 rad/s; three times as long at 0.1.
-            replace(_TIME_CONSTANT, low=0.02, initial_values=(0.4, 2.5), scale="time_at_reference"),
+            replace(_TIME_CONSTANT, initial_values=(0.4, 2.5), scale="time_at_reference"),
         ),
         equation="− Im·dw/dt, τ·r0·dw/dt = |r − w|·(r − w), r0 = 0.3 rad/s: water in a frame with holes",
         acts=Term(_porous, states=1, fastest=_fastest_in_frame, added_inertia=_added, unknown_start=_unknown_start),
