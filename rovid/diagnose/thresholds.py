@@ -224,9 +224,9 @@ class Thresholds:
     pieces. Set: 200 predictions count at most (`docs/method.md`), and an RMS of 200 has an error of 5 %, of which two
     models on the same predictions share more than nine tenths. Halved: true effects whose gain is in the noise are
     dropped; doubled: stand-ins that predict worse stay."""
-    changed_inertia: float = 2.0
-    """Factor. An effect that changes the inertia by more must improve the simulation of trials that were not fitted.
-    Set: decision; the published inertias of one vehicle differ by as much. Halved: true effects are dropped where the
+    changed_time_constant: float = 2.0
+    """Factor. An effect that changes the time constant by more must improve the simulation of trials that were not
+    fitted. Set: decision; the published inertias of one vehicle differ by as much. Halved: true effects are dropped where the
     disturbance is larger than their influence; doubled: exchanged time constants stay."""
     sampling_share: float = 0.1
     """Share of the sampling interval. An effect that changes the simulated rate by less than a shift by it is dropped.

@@ -41,6 +41,7 @@ from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
+from rovid.estimate.dataset import time_constant
 from rovid.estimate.fit_result import FitResult
 
 
@@ -130,18 +131,20 @@ def simulates_worse(selection: Selection, effect: Effect) -> str:
     return ""
 
 
-def changes_inertia_alone(selection: Selection, effect: Effect) -> str:
-    """The effect multiplies or divides the inertia, and simulations of held-out trials are no better for it.
+def changes_time_constant(selection: Selection, effect: Effect) -> str:
+    """The effect multiplies or divides the inertia, not the drag, and simulations of held-out trials do not improve.
 
     The time constants of a lag and of a vehicle with linear drag can change places: the commands have the same response
     (Ljung 1999, chapter 4). Then only the spectrum of the disturbance, which is an assumption, decides between them.
+    Another thrust changes inertia and drag alike.
     """
     models = selection.model, selection.search.without(selection.model, effect)
-    factor = math.exp(abs(math.log(models[0].model.inertia / models[1].model.inertia)))
+    constants = [time_constant(one.model, selection.data.rms_rate) for one in models]
+    factor = math.exp(abs(math.log(constants[0] / constants[1])))
     rates = (simulate_folds(one, selection.folds(one)).rate_squares[:, np.newaxis] for one in reversed(models))
-    if factor < THRESHOLDS.changed_inertia or certain_growth(*rates) > 0.0:
+    if factor < THRESHOLDS.changed_time_constant or certain_growth(*rates) > 0.0:
         return ""
-    return f"changes the inertia by a factor of {factor:.2g}, and does not improve simulations of held-out trials"
+    return f"changes the time constant by a factor of {factor:.2g}, and does not improve simulations of held-out trials"
 
 
 def within_sampling(selection: Selection, effect: Effect) -> str:
@@ -193,7 +196,7 @@ RULES: tuple[Callable[[Selection, Effect], str], ...] = (
     too_small_on_all_data,
     at_bound_on_all_data,
     simulates_worse,
-    changes_inertia_alone,
+    changes_time_constant,
     within_sampling,
     held_by_friction,
     likely,

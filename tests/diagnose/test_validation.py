@@ -21,7 +21,7 @@ from rovid.diagnose.signal_regressors import signal_regressors
 from rovid.diagnose.stepwise import SearchProgress, SearchStop, StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import (
-    changes_inertia_alone,
+    changes_time_constant,
     drop_inconsistent,
     first_rejection,
     raises_disturbance,
@@ -260,7 +260,11 @@ def test_an_effect_that_takes_the_place_of_the_inertia_must_improve_simulations(
     x = selection.model.x.copy()
     x[INERTIA] += math.log(factor)
     changed = replace(selection, model=replace(selection.model, x=x))
-    assert bool(changes_inertia_alone(changed, BIAS)) is fails
+    assert bool(changes_time_constant(changed, BIAS)) is fails
+    # More thrust changes inertia and drag alike.
+    x[INERTIA + 1 : INERTIA + 3] *= factor
+    scaled = replace(selection, model=replace(selection.model, x=x))
+    assert not changes_time_constant(scaled, BIAS)
 
 
 def test_an_effect_that_moves_the_simulation_less_than_the_sampling_is_not_claimed(selection: Selection) -> None:
