@@ -226,8 +226,8 @@ class Thresholds:
     dropped; doubled: stand-ins that predict worse stay."""
     changed_time_constant: float = 2.0
     """Factor. An effect that changes the time constant by more must improve the simulation of trials that were not
-    fitted. Set: decision; the published inertias of one vehicle differ by as much. Halved: true effects are dropped where the
-    disturbance is larger than their influence; doubled: exchanged time constants stay."""
+    fitted. Set: decision; the published inertias of one vehicle differ by as much. Halved: true effects are dropped
+    where the disturbance is larger than their influence; doubled: exchanged time constants stay."""
     sampling_share: float = 0.1
     """Share of the sampling interval. An effect that changes the simulated rate by less than a shift by it is dropped.
     Set: decision; interpolation, stamps and integration have errors of this size. Errors of a
