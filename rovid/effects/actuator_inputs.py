@@ -79,8 +79,6 @@ class ActuatorInputs:
     trials: tuple[TrialRows, ...] = (TrialRows(),)  #: The trials.
     subdivision: int = 1  #: Number of parts of each subdivided interval between two log instants.
     _speeds: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
-    # Results of `from_trials` by the identity of the argument, which is kept so that its identity stays unique.
-    _from_trials: dict[int, tuple[object, FloatArray]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def concatenated(cls, each: Sequence[Self]) -> Self:
@@ -170,10 +168,27 @@ class ActuatorInputs:
 
     def from_trials(self, held: Mapping[str, FloatArray]) -> FloatArray:
         """(n,) values from those at the log instants of each trial, by its name; held between these."""
-        if id(held) not in self._from_trials:
-            series = np.concatenate([one.held_means(held[one.name]) for one in self.trials])
-            self._from_trials[id(held)] = held, self.subdivide(series)
-        return self._from_trials[id(held)][1]
+        values = np.concatenate([held[one.name] for one in self.trials])
+        values = values if self._selection is None else self._selection.means(values)
+        return self.subdivide(np.repeat(values, self._held_counts))
+
+    @cached_property
+    def _selection(self) -> SampleSelection | None:
+        """The selected instants of all trials, one after the other; None for all instants."""
+        each = [one.selection for one in self.trials if one.selection is not None]
+        if not each:
+            return None
+        begins = np.cumsum([0, *(len(one.length) for one in each[:-1])])
+        at = np.concatenate([one.at + begin for one, begin in zip(each, begins, strict=True)])
+        return SampleSelection(at, np.concatenate([one.length for one in each]))
+
+    @cached_property
+    def _held_counts(self) -> IntArray:
+        """(m,) for how many instants each value of the logs is held: the first of a trial also before its log."""
+        counts = list[int]()
+        for parts, one in zip(self.subdivisions, self.trials, strict=True):
+            counts += [1 + one.past, *[1] * (len(parts) - one.past - 1)]
+        return np.array(counts)
 
     def subdivide(self, held: FloatArray) -> FloatArray:
         """(n, ...) values from those at the selected log instants, held between these."""

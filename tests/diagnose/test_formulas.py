@@ -259,7 +259,7 @@ def test_causes_next_to_which_a_product_pays_are_doubted(
 ) -> None:
     """Although no torque of the known kinds is missing, as with the interference of two thrusters."""
     monkeypatch.setattr(search, "lacks_torque", lambda _: False)
-    monkeypatch.setattr(search, "regress", lambda *_: SimpleNamespace(gains=lambda: np.array([0.0, gain])))
+    monkeypatch.setattr(search, "regress", lambda *_, **__: SimpleNamespace(gains=lambda: np.array([0.0, gain])))
     monkeypatch.setattr(search, "product_effects", lambda *_: [])
     monkeypatch.setattr(search, "drop_likely", lambda one, keys: keys)
     monkeypatch.setattr(search, "replace", lambda one, **_: one)
@@ -313,7 +313,7 @@ def test_a_product_that_its_fit_refutes_does_not_compete_in_the_bootstrap(
     )
     scores = {products[0]: refuted, products[1]: 200.0}
     base: Any = SimpleNamespace(score=0.0, value=0.0)
-    monkeypatch.setattr(search, "regress", lambda *_: regression)
+    monkeypatch.setattr(search, "regress", lambda *_, **__: regression)
     monkeypatch.setattr(search, "product_effects", lambda *_: [])
     monkeypatch.setattr(search, "bic_score", lambda fitted: fitted.score)
     monkeypatch.setattr(search, "is_plausible", lambda _: True)

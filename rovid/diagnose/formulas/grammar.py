@@ -1,9 +1,11 @@
 """Grammar of formulas: products of functions of signals, each with a coefficient whose unit makes it a torque."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from functools import cached_property
+from itertools import combinations, pairwise, product
 from typing import Self
 
 import numpy as np
@@ -77,12 +79,26 @@ class Grammar:
 
     def values(self, product: Product) -> dict[str, FloatArray]:
         """Trial name -> (n,) values of a product."""
-        return {name: product.values(series, self.times[name]) for name, series in self.series.items()}
+        if product.operator:
+            return {name: product.values(series, self.times[name]) for name, series in self.series.items()}
+        ends = np.cumsum([0, *map(len, self.times.values())]).tolist()
+        joined = product.values(self._joined, np.concatenate(list(self.times.values())))
+        return {name: joined[begin:end] for name, (begin, end) in zip(self.times, pairwise(ends), strict=True)}
+
+    @cached_property
+    def _joined(self) -> dict[str, FloatArray]:
+        """Signal -> (n,) values of all trials, one after the other."""
+        names = next(iter(self.series.values()))
+        return {name: np.concatenate([self.series[trial][name] for trial in self.times]) for name in names}
 
     def price(self, product: Product) -> float:
         """Length in nats of the code that chooses the product: the number of symbols, then one among as long ones."""
-        same = sum(other.symbols == product.symbols for other in self.products)
-        return _SYMBOL * product.symbols + math.log(max(same, 1))
+        return _SYMBOL * product.symbols + math.log(max(self._lengths[product.symbols], 1))
+
+    @cached_property
+    def _lengths(self) -> Counter[int]:
+        """Number of products by the number of their symbols."""
+        return Counter(product.symbols for product in self.products)
 
 
 def _signals(runs: Sequence[Run], vehicle: Vehicle) -> list[str]:

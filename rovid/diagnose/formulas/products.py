@@ -209,7 +209,7 @@ class Product:
     def values(self, series: Mapping[str, FloatArray], time: FloatArray) -> FloatArray:
         """(n,) values at (n,) instants in s of one trial; 0 where a signal is missing."""
         inside, beside = (
-            np.prod([np.ones(len(time)), *(one.values(series[one.signal]) for one in some)], axis=0)
+            math.prod((one.values(series[one.signal]) for one in some), start=np.ones(len(time)))
             for some in (self.factors, self.outside)
         )
         inside = np.asarray(np.nan_to_num(inside))

@@ -6,19 +6,23 @@ are the responses of the filter, no measured signal is differentiated, and the c
 is taken into account (de Jong 1991, equivalence of innovations and smoothed disturbances).
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.spmd import parallel_map
 from rovid.diagnose.formulas.grammar import Grammar
 from rovid.diagnose.formulas.products import Product
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.actuator_inputs import ActuatorInputs
 from rovid.effects.base import OnTorque, Values
+from rovid.estimate.fisher_information import Jacobian
 from rovid.estimate.fit_result import FitResult
 
+Form = TypeVar("Form")
 # Products whose responses are computed at once.
 _AT_ONCE = 32
 # Size of a torque in the RMS torque in use, for the difference quotient.
@@ -36,7 +40,7 @@ class InnovationRegression:
     own: FloatArray  #: (b, p, p) information of the parameters.
     cross: FloatArray  #: (b, p, q)
     power: FloatArray  #: (b, q) information of each regressor.
-    between: FloatArray  #: (q, q) information between regressors, of all blocks.
+    between: FloatArray  #: (q, q) information between regressors, of all blocks; empty where it is not asked for.
 
     def gains(self, weights: FloatArray | None = None) -> FloatArray:
         """(q,) log-likelihood gain in nats of each regressor alone; ``weights`` are counts of (b,) blocks."""
@@ -86,40 +90,67 @@ def series_effect(name: str, series: Mapping[str, FloatArray]) -> Effect:
     )
 
 
-def regress(fitted: FitResult, effects: Sequence[Effect]) -> InnovationRegression:
-    """Normal equations of the first start of each of the ``effects`` next to a fitted model."""
-    objective, count = fitted.objective, len(fitted.x)
-    blocks = objective.masked(fitted.data.block_index)
-    number = np.unique(blocks, return_inverse=True)[1]
-    b, q = int(number.max()) + 1, len(effects)
-    gradient, power = np.zeros((b, count + q)), np.zeros((b, q))
-    own, cross, between = np.zeros((b, count, count)), np.zeros((b, count, q)), np.zeros((q, q))
-    others = [objective.with_effects((*fitted.effects, effect)) for effect in effects]
-    starts = [other.parametrization.initial_values()[0] for other in others]
-    for index, chunk in enumerate(objective.chunks):
-        centre = chunk.innovations(fitted.x)
-        sides = []
-        for first in range(0, q, _AT_ONCE):
-            some = slice(first, first + _AT_ONCE)
-            pairs = [
-                (other.chunks[index], np.concatenate((fitted.x, start)))
-                for other, start in zip(others[some], starts[some], strict=True)
-            ]
-            sides += chunk.evaluate_each(pairs)
-        pieces = zip(chunk.jacobian(fitted.x), chunk.jacobian_between(centre, sides, np.ones(q)), strict=True)
-        for mine, theirs in pieces:
-            # A model may diverge with a torque of that size: such a product explains nothing.
-            columns = np.nan_to_num(np.hstack((mine.matrix, theirs.matrix)), posinf=0.0, neginf=0.0)
-            rows = np.tile(number[mine.rows], 2)
-            between += columns[:, count:].T @ columns[:, count:]
-            for block in np.unique(rows):
-                at = rows == block
-                part, residual = columns[at], mine.residual[at]
-                gradient[block] += part.T @ residual
-                own[block] += part[:, :count].T @ part[:, :count]
-                cross[block] += part[:, :count].T @ part[:, count:]
-                power[block] += np.sum(part[:, count:] ** 2, axis=0)
-    return InnovationRegression(gradient, own, cross, power, between)
+def regress(
+    fitted: FitResult,
+    forms: Sequence[Form],
+    effects_of: Callable[[Sequence[Form]], Sequence[Effect]],
+    *,
+    jointly: bool = True,
+) -> InnovationRegression:
+    """Normal equations of the first start of the effect of each of the ``forms`` next to a fitted model.
+
+    ``jointly``: Whether the regressors are compared with each other. All of them are then kept, in one process.
+    """
+    number = np.unique(fitted.objective.masked(fitted.data.block_index), return_inverse=True)[1]
+    chunks = []
+    for chunk in fitted.objective.chunks:
+        known = chunk.evaluate_with_spare(fitted.x)
+        chunks.append((known[0], list(chunk.jacobian(fitted.x, known))))
+    own = [piece for _, pieces in chunks for piece in pieces]
+    gradient, information, _ = _summed(own, own, number)
+
+    def columns(some: Sequence[Form]) -> list[Jacobian]:
+        others = [fitted.objective.with_effects((*fitted.effects, effect)) for effect in effects_of(some)]
+        points = [np.concatenate((fitted.x, other.parametrization.initial_values()[0])) for other in others]
+        found = list[Jacobian]()
+        for index, (centre, _) in enumerate(chunks):
+            chunk = fitted.objective.chunks[index]
+            sides = chunk.evaluate_each([(one.chunks[index], x) for one, x in zip(others, points, strict=True)])
+            found += chunk.jacobian_between(centre, sides, np.ones(len(sides)))
+        # A model may diverge with a torque of that size: such a product explains nothing.
+        return [replace(one, matrix=np.nan_to_num(one.matrix, posinf=0.0, neginf=0.0)) for one in found]
+
+    groups = [forms[first : first + _AT_ONCE] for first in range(0, len(forms), _AT_ONCE)]
+    between = np.zeros((0, 0))
+    if jointly:
+        every = list(map(columns, groups))
+        sums = [_summed(own, few, number) for few in every]
+        joined = (np.hstack([one.matrix for one in pieces]) for pieces in zip(*every, strict=True))
+        between = np.sum([matrix.T @ matrix for matrix in joined], axis=0)
+    else:
+        sums = parallel_map(lambda some: _summed(own, columns(some), number), groups)
+    gradients, cross, power = zip(*sums, strict=True)
+    return InnovationRegression(
+        np.hstack((gradient, *gradients)), information, np.concatenate(cross, axis=2), np.hstack(power), between
+    )
+
+
+def _summed(
+    own: Sequence[Jacobian], others: Sequence[Jacobian], number: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of each of b blocks: gradient by q ``others``, (b, p, q) information between p ``own`` and these, and theirs."""
+    count, p, q = int(number.max()) + 1, own[0].matrix.shape[1], others[0].matrix.shape[1]
+    gradient, cross, power = np.zeros((count, q)), np.zeros((count, p, q)), np.zeros((count, q))
+    for mine, theirs in zip(own, others, strict=True):
+        blocks, begins = np.unique(number[mine.rows], return_index=True)
+        half = mine.rows.stop - mine.rows.start
+        for begin in (0, half):
+            for block, first, end in zip(blocks, begin + begins, begin + np.append(begins[1:], half), strict=True):
+                part = theirs.matrix[first:end]
+                gradient[block] += part.T @ mine.residual[first:end]
+                cross[block] += mine.matrix[first:end].T @ part
+                power[block] += np.sum(part**2, axis=0)
+    return gradient, cross, power
 
 
 def inclusion(found: InnovationRegression, prices: FloatArray, rng: np.random.Generator, draws: int) -> FloatArray:

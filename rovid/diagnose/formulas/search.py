@@ -9,6 +9,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -203,14 +204,15 @@ class FormulaSearch:
     @property
     def lacks_product(self) -> bool:
         """Whether a product pays for itself next to the causes, as the regression predicts."""
-        _, _, net = self._regressed(self.model, [one for one in self.grammar.products if is_possible([one])])
+        products = [one for one in self.grammar.products if is_possible([one])]
+        _, _, net = self._regressed(self.model, products, jointly=False)
         return bool(net.max() >= THRESHOLDS.bic_margin)
 
     def _regressed(
-        self, context: FitResult, products: Sequence[Product]
+        self, context: FitResult, products: Sequence[Product], *, jointly: bool = True
     ) -> tuple[InnovationRegression, FloatArray, FloatArray]:
         """Regression of products next to one model, their prices, and their gains less the prices."""
-        found = regress(context, product_effects(self.grammar, products))
+        found = regress(context, products, partial(product_effects, self.grammar), jointly=jointly)
         prices = np.array(list(map(self.grammar.price, products)))
         return found, prices, found.gains() - prices
 
@@ -281,7 +283,7 @@ class FormulaSearch:
         products = [product for product in products if product not in one.products]
         if len(one.products) >= longest or not products:
             return one
-        _, _, net = self._regressed(one.fitted, products)
+        _, _, net = self._regressed(one.fitted, products, jointly=False)
         best = int(np.argmax(net))
         least = max(THRESHOLDS.bic_margin, THRESHOLDS.misspecification_share * self._gain(one))
         if net[best] < least:
@@ -325,7 +327,7 @@ class FormulaSearch:
         forms = [form for form in without_waves(self.problem.candidates) if not is_signal(form)]
         forms = [form for form in forms if form not in one.without.effects]
         (effect,) = product_effects(self.grammar, one.products[:1])
-        found: InnovationRegression = regress(one.without, [effect, *forms])
+        found: InnovationRegression = regress(one.without, [effect, *forms], list)
         correlation = np.abs(found.correlation()[0, 1:])
         if not len(correlation) or correlation.max() < _NEAR:
             return None
