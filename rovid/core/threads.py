@@ -188,7 +188,8 @@ class SizedCache:
 
     def __init__(self, max_bytes: int, *, evict_randomly: bool = False) -> None:
         self.max_bytes, self.evict_randomly = max_bytes, evict_randomly
-        self._values: dict[Hashable, Any] = {}
+        # Each with its size.
+        self._values: dict[Hashable, tuple[Any, int]] = {}
         self._bytes = 0
         self._lock = threading.Lock()
         self._random = random.Random(0)  # noqa: S311 - nothing is secret
@@ -196,27 +197,23 @@ class SizedCache:
     def get_or_make(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """The value under ``key``, or the value that ``make`` returns, which is kept if it fits."""
         with self._lock:
-            found: Value | None = self._pop(key)
-            if found is not None:
-                self._put(key, found)
-                return found
+            if (found := self._values.pop(key, None)) is not None:
+                self._values[key] = found  # the latest key stands last
+                kept: Value = found[0]
+                return kept
         made = make()
-        if made.nbytes <= self.max_bytes or self.evict_randomly:
+        size = made.nbytes
+        if size <= self.max_bytes or self.evict_randomly:
             with self._lock:
                 self._pop(key)
-                self._put(key, made)
+                self._values[key] = made, size
+                self._bytes += size
                 fewest = 1 if self.evict_randomly else 0
                 while self._bytes > self.max_bytes and len(self._values) > fewest:
                     keys = list(self._values)
-                    # The latest key stands last.
                     self._pop(keys[self._random.randrange(len(keys) - 1)] if self.evict_randomly else keys[0])
         return made
 
-    def _pop(self, key: Hashable) -> Any:
-        found = self._values.pop(key, None)
-        self._bytes -= 0 if found is None else found.nbytes
-        return found
-
-    def _put(self, key: Hashable, value: Any) -> None:
-        self._values[key] = value
-        self._bytes += value.nbytes
+    def _pop(self, key: Hashable) -> None:
+        _, size = self._values.pop(key, (None, 0))
+        self._bytes -= size

@@ -100,15 +100,12 @@ class ActuatorInputs:
         """
         if series.ndim > 1:
             columns = np.ascontiguousarray(series.T)
-            return np.column_stack([self.apply_per_trial(function, column, *numbers) for column in columns])
+            return np.array([self.apply_per_trial(function, column, *numbers) for column in columns]).T
         return np.concatenate([function(self.time[one.rows], series[one.rows], *numbers) for one in self.trials])
 
     def weighted_sum(self, thrust: FloatArray, weights: FloatArray) -> FloatArray:
         """(n,) sum of (n, k) thrust times (k,) or (n, k) weights."""
-        if weights.ndim > 1:
-            return np.asarray((thrust * weights).sum(axis=1))
-        # By trial: for all rows at once BLAS would start threads on every core.
-        return np.concatenate([thrust[one.rows] @ weights for one in self.trials])
+        return np.asarray(sum(column * weight for column, weight in zip(thrust.T, weights.T, strict=True)))
 
     @cached_property
     def offsets(self) -> IntArray:
@@ -191,10 +188,10 @@ class ActuatorInputs:
         return np.array(counts)
 
     def subdivide(self, held: FloatArray) -> FloatArray:
-        """(n, ...) values from those at the selected log instants, held between these."""
+        """(n, ...) values from those at the selected log instants, held between these; each column in one piece."""
         if self.subdivision == 1:
             return held
-        return np.repeat(held, np.concatenate(self.subdivisions), axis=0)
+        return np.repeat(held.T, np.concatenate(self.subdivisions), axis=-1).T
 
     @cached_property
     def subdivisions(self) -> list[IntArray]:

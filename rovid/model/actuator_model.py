@@ -65,7 +65,9 @@ class CommandSeries:
                 if trial.angle_gains is not None:
                     gains += [np.repeat(trial.angle_gains[:1], one.past, axis=0)]
                     gains.append(trial.angle_gains if here is None else trial.angle_gains[here])
-            found = cls(vehicle, inputs, np.concatenate(commands), np.concatenate(gains) if gains else None)
+            # Effects act on whole columns.
+            held = np.asfortranarray(np.concatenate(commands))
+            found = cls(vehicle, inputs, held, np.concatenate(gains) if gains else None)
             _IN_USE[key] = found
         return found
 
