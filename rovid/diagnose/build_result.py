@@ -19,13 +19,7 @@ from rovid.core.errors import RovidError
 from rovid.core.spmd import parallel_map
 from rovid.diagnose.candidate_fits import Alternative, Cause
 from rovid.diagnose.challenge import closest_challengers
-from rovid.diagnose.cross_validation import (
-    held_out_log_likelihood,
-    horizon_errors,
-    position_floor,
-    rate_floor,
-    simulate_folds,
-)
+from rovid.diagnose.cross_validation import held_out_log_likelihood, horizon_errors, position_floor, rate_floor
 from rovid.diagnose.evidence import recalibrated, size_in_errors
 from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment
 from rovid.diagnose.screening import ScoreTest, bic_penalty
@@ -167,7 +161,7 @@ def _assess(
     selection: Selection, searched: FitResult, model: Model, estimate: Estimate, comparable: FitResult
 ) -> ModelAssessment:
     """A ``model`` with held-out scores: simulations of the fit ``searched``, log-likelihood of ``comparable``."""
-    simulated = simulate_folds(searched, selection.folds(searched))
+    simulated = selection.held_out_scores(searched)
     held_out = replace(simulated, log_likelihood=held_out_log_likelihood(selection.folds(comparable)))
     return ModelAssessment(model=model, estimate=estimate, held_out=held_out)
 

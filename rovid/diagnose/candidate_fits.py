@@ -10,7 +10,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget
 from rovid.core.spmd import parallel_map
-from rovid.diagnose.cross_validation import Fold
+from rovid.diagnose.cross_validation import Fold, HeldOutScores
 from rovid.diagnose.screening import ScoreTest, bic_penalty, extended, first_of_each, further_forms
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, EffectParameter
@@ -235,8 +235,11 @@ class FitCache:
     fits: dict[ModelKey, FitResult] = field(default_factory=dict)
     # Fits of other sets of causes that may come close to a model.
     challengers: dict[ModelKey, list[FitResult]] = field(default_factory=dict)
-    # Cross-validation folds, and fits to all data: these belong to one selection.
+    # Cross-validation folds with scores, and fits to all data: these belong to one selection.
     folds: dict[ModelKey, list[Fold]] = field(default_factory=dict)
+    held_out: dict[ModelKey, HeldOutScores] = field(default_factory=dict)
+    horizons: dict[ModelKey, FloatArray] = field(default_factory=dict)
+    rates: dict[FitResult, list[FloatArray]] = field(default_factory=dict)
     full_data: dict[ModelKey, FitResult] = field(default_factory=dict)
     _converged: dict[FitResult, FitResult] = field(default_factory=dict)
 

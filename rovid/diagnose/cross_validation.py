@@ -270,8 +270,15 @@ def simulate_folds(fitted: FitResult, folds: Sequence[Fold]) -> HeldOutScores:
     )
 
 
-def change_in_samples(effect: Effect, fitted: FitResult, other: FitResult, pieces: Sequence[CvPiece]) -> float:
-    """RMS difference of the rates that two models simulate, over the RMS change of the rate in a sampling interval.
+def simulated_rates(fitted: FitResult, pieces: Sequence[CvPiece]) -> list[FloatArray]:
+    """(m,) free-running rate of each piece."""
+    vehicle, runs = fitted.data.vehicle, [piece.run for piece in pieces]
+    assert vehicle is not None  # noqa: S101 - a diagnosis has one
+    return [one.simulated for one in simulate_runs(runs, fitted.model, vehicle)]
+
+
+def change_in_samples(effect: Effect, own: Sequence[FloatArray], other: Sequence[FloatArray]) -> float:
+    """RMS difference of the `simulated_rates` of two models, over the RMS change of the rate in a sampling interval.
 
     The steps of a logger and of a simulator have errors of a small part of it. Of samples far apart, the change counts
     at most as `THRESHOLDS.sampling_change` of the RMS rate. Infinite for an ``effect`` that is not part of the
@@ -279,12 +286,9 @@ def change_in_samples(effect: Effect, fitted: FitResult, other: FitResult, piece
     """
     if isinstance(effect.acts, WaveTorque | OnHeading):
         return math.inf
-    vehicle, runs = fitted.data.vehicle, [piece.run for piece in pieces]
-    assert vehicle is not None  # noqa: S101 - a diagnosis has one
-    rates = [[one.simulated for one in simulate_runs(runs, each.model, vehicle)] for each in (fitted, other)]
-    change = np.concatenate(rates[0]) - np.concatenate(rates[1])
-    steps = np.nanmean(np.concatenate([np.diff(one) for one in rates[1]]) ** 2)
-    most = THRESHOLDS.sampling_change**2 * np.nanmean(np.concatenate(rates[1]) ** 2)
+    change = np.concatenate(own) - np.concatenate(other)
+    steps = np.nanmean(np.concatenate([np.diff(one) for one in other]) ** 2)
+    most = THRESHOLDS.sampling_change**2 * np.nanmean(np.concatenate(other) ** 2)
     return math.sqrt(float(np.nanmean(change**2)) / max(float(min(steps, most)), np.finfo(float).tiny))
 
 

@@ -154,7 +154,8 @@ class InnovationObjective:
         if len(without_waves(start.effects)) == len(start.effects):
             forms = without_waves(self.candidates)
         cache = self._caches.setdefault((start.data.interval, len(forms)), FitCache())
-        own = replace(cache, folds={}, full_data={})  # these belong to one selection
+        # These belong to one selection.
+        own = replace(cache, folds={}, held_out={}, horizons={}, rates={}, full_data={})
         return StepwiseSearch(forms, self.budget, is_hopeless=is_hopeless, cache=own)
 
     def is_adequate(self, found: FitResult) -> bool:

@@ -5,8 +5,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+from rovid.core.array_types import FloatArray
 from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score, fit_in_parallel
-from rovid.diagnose.cross_validation import CvPiece, Fold, cross_validate, held_out_log_likelihood
+from rovid.diagnose.cross_validation import (
+    CvPiece,
+    Fold,
+    HeldOutScores,
+    cross_validate,
+    held_out_log_likelihood,
+    horizon_squares,
+    simulate_folds,
+    simulated_rates,
+)
 from rovid.diagnose.evidence import outlier_probability, posterior_probability, probability_not_a_stand_in
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stepwise import SearchStop, StepwiseSearch
@@ -89,6 +99,27 @@ class Selection:
         if fitted.key not in folds:
             folds[fitted.key] = cross_validate(fitted, self.pieces)
         return folds[fitted.key]
+
+    def held_out_scores(self, fitted: FitResult) -> HeldOutScores:
+        """Scores of a model by simulations of trials that were not fitted, computed once."""
+        known = self.search.cache.held_out
+        if fitted.key not in known:
+            known[fitted.key] = simulate_folds(fitted, self.folds(fitted))
+        return known[fitted.key]
+
+    def horizon_squares(self, fitted: FitResult) -> FloatArray:
+        """(p, q) mean square position errors of a model on trials that were not fitted, computed once."""
+        known = self.search.cache.horizons
+        if fitted.key not in known:
+            known[fitted.key] = horizon_squares(fitted, self.folds(fitted), self.pieces)
+        return known[fitted.key]
+
+    def rates(self, fitted: FitResult) -> list[FloatArray]:
+        """(m,) free-running rate of each piece by a model, computed once."""
+        known = self.search.cache.rates
+        if fitted not in known:
+            known[fitted] = simulated_rates(fitted, self.pieces)
+        return known[fitted]
 
     def held_out_gain(self, effect: Effect) -> float:
         """Log-likelihood gain of ``effect`` on trials that were not fitted, in nats."""

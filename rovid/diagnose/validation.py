@@ -21,13 +21,7 @@ from rovid.diagnose.candidate_fits import (
     is_plausible,
     why_implausible,
 )
-from rovid.diagnose.cross_validation import (
-    certain_growth,
-    change_in_samples,
-    held_out_log_likelihood,
-    horizon_squares,
-    simulate_folds,
-)
+from rovid.diagnose.cross_validation import certain_growth, change_in_samples, held_out_log_likelihood
 from rovid.diagnose.evidence import (
     has_consistent_size,
     is_held_by_friction,
@@ -121,9 +115,8 @@ def simulates_worse(selection: Selection, effect: Effect) -> str:
     The pieces of the trials are compared in pairs: one piece that goes wrong has one vote.
     """
     models = selection.model, selection.search.without(selection.model, effect)
-    folds = [selection.folds(one) for one in models]
-    positions = [horizon_squares(one, own, selection.pieces) for one, own in zip(models, folds, strict=True)]
-    rates = [simulate_folds(one, own).rate_squares[:, np.newaxis] for one, own in zip(models, folds, strict=True)]
+    positions = map(selection.horizon_squares, models)
+    rates = (selection.held_out_scores(one).rate_squares[:, np.newaxis] for one in models)
     for name, (own, without) in {"position": positions, "rate": rates}.items():
         growth = certain_growth(own, without)
         if growth > THRESHOLDS.held_out_growth:
@@ -141,7 +134,7 @@ def changes_time_constant(selection: Selection, effect: Effect) -> str:
     models = selection.model, selection.search.without(selection.model, effect)
     constants = [time_constant(one.model, selection.data.rms_rate) for one in models]
     factor = math.exp(abs(math.log(constants[0] / constants[1])))
-    rates = (simulate_folds(one, selection.folds(one)).rate_squares[:, np.newaxis] for one in reversed(models))
+    rates = (selection.held_out_scores(one).rate_squares[:, np.newaxis] for one in reversed(models))
     if factor < THRESHOLDS.changed_time_constant or certain_growth(*rates) > 0.0:
         return ""
     return f"changes the time constant by a factor of {factor:.2g}, and does not improve simulations of held-out trials"
@@ -150,7 +143,7 @@ def changes_time_constant(selection: Selection, effect: Effect) -> str:
 def within_sampling(selection: Selection, effect: Effect) -> str:
     """The effect changes the simulated rate by less than a shift by a small part of the sampling interval would."""
     without = selection.search.without(selection.model, effect)
-    change = change_in_samples(effect, selection.model, without, selection.pieces)
+    change = change_in_samples(effect, selection.rates(selection.model), selection.rates(without))
     return "changes the simulation less than the sampling of the logs does" * (change < THRESHOLDS.sampling_share)
 
 
@@ -358,7 +351,8 @@ def suspects(selection: Selection) -> list[Suspected]:
         size = significance(one.fitted, one.effect)
         if size < THRESHOLDS.min_standard_errors_suspect:
             return f"its size is only {size:.1f} standard errors"
-        if change_in_samples(one.effect, one.fitted, model, selection.pieces) < THRESHOLDS.sampling_share:
+        rates = selection.rates(one.fitted), selection.rates(model)
+        if change_in_samples(one.effect, *rates) < THRESHOLDS.sampling_share:
             return "it changes the simulation less than the sampling of the logs does"
         if is_held_by_friction(one.fitted, one.effect):
             return "it acts only at thrusts that friction holds"

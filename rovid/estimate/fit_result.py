@@ -89,7 +89,8 @@ class FitResult:
 
     def canonical(self) -> Self:
         """The same model with positive amplitudes and phases within one turn."""
-        return replace(self, x=self.objective.parametrization.canonical(self.x)) if self.effects else self
+        x = self.objective.parametrization.canonical(self.x)
+        return self if np.array_equal(x, self.x) else replace(self, x=x)
 
     @cached_property
     def is_physical(self) -> bool:

@@ -185,12 +185,12 @@ def with_growths(monkeypatch: pytest.MonkeyPatch, growths: dict[str, np.ndarray]
         growth = np.array(growths[name])
         return 1e-4 * (1.0 + growth * bool(fitted.effects)) ** 2
 
-    def scores(fitted: FitResult, _: object) -> HeldOutScores:
+    def scores(_: Selection, fitted: FitResult) -> HeldOutScores:
         own = squares("rate", fitted)
         return HeldOutScores(log_likelihood=0.0, rate_r2=0.0, rate_rmse=0.0, rate_squares=own, position_errors={})
 
-    monkeypatch.setattr(validation, "horizon_squares", lambda fitted, *_: squares("position", fitted))
-    monkeypatch.setattr(validation, "simulate_folds", scores)
+    monkeypatch.setattr(Selection, "horizon_squares", lambda _, fitted: squares("position", fitted))
+    monkeypatch.setattr(Selection, "held_out_scores", scores)
 
 
 @pytest.mark.parametrize("quantity", ["position", "rate"])
@@ -274,7 +274,7 @@ def test_an_effect_that_moves_the_simulation_less_than_the_sampling_is_not_claim
     tiny = replace(selection, model=replace(selection.model, x=x))
     assert "less than the sampling" in within_sampling(tiny, BIAS)
     waves = effect_named("wave_torque")
-    assert cross_validation.change_in_samples(waves, tiny.model, selection.model, selection.pieces) == math.inf
+    assert cross_validation.change_in_samples(waves, tiny.rates(tiny.model), tiny.rates(selection.model)) == math.inf
 
 
 def test_a_cause_that_acts_lowers_the_disturbance_and_the_held_out_errors(selection: Selection) -> None:

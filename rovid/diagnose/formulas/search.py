@@ -17,7 +17,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.budget import ProgressCallback
 from rovid.core.formatting import significant
 from rovid.diagnose.candidate_fits import bic_score, fit_from_best_start, is_plausible
-from rovid.diagnose.cross_validation import held_out_log_likelihood, simulate_folds
+from rovid.diagnose.cross_validation import held_out_log_likelihood
 from rovid.diagnose.formulas.effect_file import effect_of, effect_source, is_possible, names_of
 from rovid.diagnose.formulas.grammar import Grammar
 from rovid.diagnose.formulas.products import Product
@@ -299,7 +299,7 @@ class FormulaSearch:
         if one.inclusion < _INCLUDED or any(rule(selection, effect) for rule in _RULES):
             return None
         without = selection.search.without(selection.model, effect)
-        mean_squares = [simulate_folds(m, selection.folds(m)).rate_rmse ** 2 for m in (selection.model, without)]
+        mean_squares = [selection.held_out_scores(m).rate_rmse ** 2 for m in (selection.model, without)]
         whole = model_estimate(selection.model, white=selection.model.is_white)
         at = [whole.names.index(f"{effect.key}.{name}") for name in names_of(one.products)]
         estimate = replace(
