@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,11 +12,12 @@ import numpy as np
 import pytest
 
 from rovid.diagnose import cross_validation, validation
+from rovid.diagnose import selection as selections
 from rovid.diagnose.algorithm import validate
 from rovid.diagnose.build_result import search_warnings
 from rovid.diagnose.candidate_fits import Alternative, Cause, FitCache, bic_score
 from rovid.diagnose.challenge import resolve_ties
-from rovid.diagnose.cross_validation import HeldOutScores
+from rovid.diagnose.cross_validation import Fold, HeldOutScores, simulate_folds
 from rovid.diagnose.evidence import probability_not_a_stand_in
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import signal_regressors
@@ -34,6 +37,7 @@ from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect, EffectParameter, effect_named
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step import MultiStepLikelihood
+from rovid.estimate.objective import ModelKey
 from rovid.estimate.parametrization import INERTIA
 from rovid.trial.vehicle import Vehicle
 from tests.predictions import BIAS
@@ -59,6 +63,20 @@ def test_a_cause_that_acts_passes_all_tests(selection: Selection) -> None:
     assert selection.held_out_gain(BIAS) > 20.0
     assert first_rejection(selection) is None
     assert validate(selection).model.effects == (BIAS,)
+
+
+def test_each_model_is_simulated_once_for_all_rules(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:
+    passing(monkeypatch)
+    simulated = list[ModelKey]()
+
+    def counted(fitted: FitResult, folds: Sequence[Fold]) -> HeldOutScores:
+        simulated.append(fitted.key)
+        return simulate_folds(fitted, folds)
+
+    monkeypatch.setattr(selections, "simulate_folds", counted)
+    for _ in range(2):
+        assert first_rejection(selection) is None
+    assert Counter(simulated) == {selection.model.key: 1, selection.base.key: 1}
 
 
 @pytest.mark.parametrize(("gain", "held_out"), [(14.0, 20.0), (20.0, 13.0)])

@@ -38,6 +38,12 @@ def plain() -> FitResult:
     return fit(objective, objective.parametrization.initial())
 
 
+def test_a_fit_whose_coordinates_are_tidy_is_its_own_canonical_fit(plain: FitResult) -> None:
+    """What was computed of it is then known."""
+    biased = FitResult.at(plain.objective.with_effects((BIAS,)), np.append(plain.x, -0.1))
+    assert biased.canonical() is biased
+
+
 def test_coordinates_of_an_effect_and_of_the_rest(plain: FitResult) -> None:
     x = np.concatenate((plain.x, [0.25, 0.5]))
     both = FitResult.at(plain.objective.with_effects((BIAS, LAG)), x)

@@ -17,7 +17,7 @@ from rovid.effects.actuator_inputs import SampleSelection
 from rovid.effects.base import OnTorque
 from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
-from rovid.trial.trial import Trial
+from rovid.trial.trial import Past, Trial
 from rovid.trial.vehicle import Steering, ThrustCurve, Thruster, Vehicle
 from tests.effects.test_effects import EVERY, VEHICLE, logs, numbers
 from tests.synthetic import trial
@@ -226,3 +226,18 @@ def test_forms_of_commands_give_way_to_forms_of_angles_where_rudders_alone_drive
     assert "slew_limit:angle" not in {form.key for form in forms_for(VEHICLE)}
     assert in_angles(effect_named("slew_limit:size")).key == "slew_limit:angle"
     assert in_angles(effect_named("thruster_lag:command")).key == "thruster_lag:command"
+
+
+@pytest.mark.parametrize("past", [0, 2])
+def test_series_of_trials_are_held_between_the_selected_instants_and_not_kept(past: int) -> None:
+    """Mean between the instants; NaN left out. A regression tries hundreds of series of the same logs."""
+    time = np.arange(5.0)
+    before = Past(time=-1.0 - np.arange(past)[::-1], commands=np.zeros((past, 1)))
+    runs = [replace(trial(time, np.zeros(5), name=name), past=before if past else None) for name in ("a", "b")]
+    series = CommandSeries.from_trials(VEHICLE, runs, 2, [np.array([0, 2, 4])] * 2)
+    held = {"a": np.array([1.0, 3.0, np.nan, 5.0, 7.0]), "b": np.full(5, 9.0)}
+    found, given = series.inputs.from_trials(held), weakref.ref(held["b"])
+    assert found.tolist() == [*[2.0] * past, 2.0, 2.0, 5.0, 5.0, 7.0, *[9.0] * (past + 5)]
+    del held
+    gc.collect()
+    assert given() is None
