@@ -105,7 +105,8 @@ class ActuatorInputs:
 
     def weighted_sum(self, thrust: FloatArray, weights: FloatArray) -> FloatArray:
         """(n,) sum of (n, k) thrust times (k,) or (n, k) weights."""
-        return np.asarray(sum(column * weight for column, weight in zip(thrust.T, weights.T, strict=True)))
+        products = (column * weight for column, weight in zip(thrust.T, weights.T, strict=True))
+        return np.asarray(sum(products, start=np.zeros(len(thrust))))
 
     @cached_property
     def offsets(self) -> IntArray:

@@ -232,7 +232,7 @@ def test_forms_of_commands_give_way_to_forms_of_angles_where_rudders_alone_drive
 def test_series_of_trials_are_held_between_the_selected_instants_and_not_kept(past: int) -> None:
     """Mean between the instants; NaN left out. A regression tries hundreds of series of the same logs."""
     time = np.arange(5.0)
-    before = Past(time=-1.0 - np.arange(past)[::-1], commands=np.zeros((past, 1)))
+    before = Past(time=np.array([-2.0, -1.0][:past]), commands=np.zeros((past, 1)))
     runs = [replace(trial(time, np.zeros(5), name=name), past=before if past else None) for name in ("a", "b")]
     series = CommandSeries.from_trials(VEHICLE, runs, 2, [np.array([0, 2, 4])] * 2)
     held = {"a": np.array([1.0, 3.0, np.nan, 5.0, 7.0]), "b": np.full(5, 9.0)}
