@@ -138,7 +138,9 @@ def with_rigid_body(covariance: FloatArray, values: FloatArray, mass: float | No
 
     No added mass is negative: what an inertia of surge or sway lacks is an error that the logs do not show.
     """
-    for at in (0, 1) if mass is not None else ():
+    if mass is None:
+        return covariance
+    for at in (0, 1):
         lack = max(mass - float(values[at]), 0.0)
         covariance = with_variance(covariance, at, float(covariance[at, at]) + lack**2)
     return covariance
