@@ -49,7 +49,7 @@ PLANAR_FORMS: tuple[Effect, ...] = (
             EffectParameter(
                 name="correlation_time",
                 unit="s",
-                neutral=1.0,
+                neutral=1000.0,  # A slower change is no longer one: the plain form.
                 low=2.0,
                 high=1000.0,
                 initial_values=(20.0,),

@@ -14,8 +14,9 @@ from rovid.effects.base import Scales
 from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS
 from rovid.model.bound_effects import BoundEffect
+from rovid.planar.equations import has_couplings, speed_jacobian
 from rovid.planar.kernels import NOISE_COUNT, NOISE_LATENCY, NOISE_SENSOR
-from rovid.planar.model import BASE_COUNT, SENSORS, PlanarModel, RudderModel
+from rovid.planar.model import BASE_COUNT, INPUT_COUNT, RUDDER_INPUTS, SENSORS, PlanarModel, RudderModel
 
 # Half range of the log inertias about those of the best regression: a factor of 30. Those of sway and yaw are half
 # logarithms. The last is that of their coupling.
@@ -141,6 +142,19 @@ class PlanarCoordinates:
             low=np.insert(self.low, at, low),
             high=np.insert(self.high, at, high),
         )
+
+    def with_time_of(self, model: PlanarModel) -> Self:
+        """The same coordinates, with the yaw of ``model`` as the unit of the times of further effects.
+
+        The regression at the start leaves the damping of a hull that is steered by a rudder to the lift.
+        """
+        jacobian, held = np.zeros((3, 3)), np.zeros(INPUT_COUNT + RUDDER_INPUTS * len(model.rudders))
+        speed, c = self.sizes.speed, model.coefficients
+        speed_jacobian(c, has_couplings(c), held, speed, float(speed[0]), 0.0, float(speed[2]), jacobian)
+        if not jacobian[2, 2] < 0.0:
+            return self
+        effects = replace(self.sizes.effects, time=-1.0 / float(jacobian[2, 2]))
+        return replace(self, sizes=replace(self.sizes, effects=effects))
 
     def straightened(self, x: FloatArray) -> tuple[Self, FloatArray]:
         """The same coordinates with the straightening of the flow at each rudder, and ``x`` at its usual value."""

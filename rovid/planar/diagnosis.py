@@ -25,7 +25,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.planar.dataset import PlanarData
 from rovid.planar.doubts import contradicted, formless, likelier_suspects, outweighed
-from rovid.planar.effect_fits import add_effect, planar_candidates, with_hull_lift
+from rovid.planar.effect_fits import add_effect, in_own_time, planar_candidates, with_hull_lift
 from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined, with_latencies
 from rovid.planar.free_runs import better_simulating, fit_free_runs
 from rovid.planar.held_out import Gate, Parts, PlanarScores, noise_floors
@@ -115,7 +115,7 @@ def diagnose_planar(
 
 
 def _search(data: PlanarData, base: PlanarOptimum, budget: Budget) -> PlanarSearch:
-    return PlanarSearch(data, base, planar_candidates(data), budget)
+    return PlanarSearch(data, in_own_time(base), planar_candidates(data), budget)
 
 
 def _selected(search: PlanarSearch) -> PlanarOptimum:

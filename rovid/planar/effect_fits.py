@@ -49,6 +49,11 @@ def with_hull_lift(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     return _with_stall(_with_lift(best, data), data)
 
 
+def in_own_time(best: PlanarOptimum) -> PlanarOptimum:
+    """The same model, whose time constant of yaw is the unit of the times of further effects."""
+    return replace(best, likelihood=best.likelihood.with_coordinates(best.coordinates.with_time_of(best.model)))
+
+
 def _with_stall(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     """The model with the stall angles that rovid.toml leaves open, if they improve the fit as the lift has to.
 

@@ -18,6 +18,7 @@ from rovid.planar.effect_fits import (
     SHIP,
     SHIP_WARNING,
     add_effect,
+    in_own_time,
     place_entries,
     proposed_places,
     with_hull_lift,
@@ -126,7 +127,7 @@ def fit_all_readings(data: PlanarData, effects: Sequence[Effect] = ()) -> Planar
     # Without its current, and the places of its sensors, a vehicle has no model worth extending.
     for effect in first:
         best = add_effect(best, effect, data)
-    best = with_hull_lift(best, data)
+    best = in_own_time(with_hull_lift(best, data))
     for effect in effects:
         if effect.key not in {one.key for one in best.effects}:
             best = add_effect(best, effect, data)

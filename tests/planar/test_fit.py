@@ -336,6 +336,35 @@ def test_a_model_misses_much_where_likelihood_and_simulations_fail(
     assert free_runs.misses_much(best, data) is expected
 
 
+def test_times_of_effects_follow_the_yaw_of_the_fitted_model(small: tuple[PlanarData, PlanarOptimum]) -> None:
+    """The regression at the start of a tanker had no damping of yaw: a true current had to change more slowly."""
+    coordinates, model = small[1].coordinates, small[1].model
+    rate = coordinates.sizes.speed[2]
+    damping = model.base[6] + 2.0 * model.base[9] * rate
+    scale = model.base[1] / (model.base[1] * model.base[2] - model.base[3] ** 2)
+    undamped = replace(model, base=np.where(np.isin(np.arange(10), (3, 6, 9)), 0.0, model.base))
+    rudder = RudderModel(name="rudder", position=(-0.1, 0.0), stall=0.6, lift=2000.0, slipstream=0.0)
+    steered = coordinates.with_time_of(replace(undamped, rudders=(rudder,))).sizes.effects.time
+    assert coordinates.with_time_of(model).sizes.effects.time == pytest.approx(1.0 / (scale * damping), rel=0.3)
+    assert coordinates.with_time_of(undamped).sizes.effects.time == coordinates.sizes.effects.time
+    # The rudder's lift by its speed across, of an arm of 0.1 m, at the usual speed ahead.
+    speed = coordinates.sizes.speed[0]
+    assert steered == pytest.approx(model.base[2] / (2000.0 * 0.1**2 * speed), rel=0.3)
+
+
+def test_a_current_that_changes_more_slowly_than_the_logs_show_is_at_no_bound() -> None:
+    effect = effect_named("current:wandering")
+    time = effect.parameters[3]
+    values = np.array([0.3, 0.5, 0.1, time.high])
+    best = PlanarOptimum.__new__(PlanarOptimum)
+    object.__setattr__(best, "x", values)
+    place: Any = lambda _: slice(0, 4)  # noqa: E731 - in place of the method
+    object.__setattr__(best, "place", place)
+    assert not best.is_at_bound(effect)
+    values[3] = time.low
+    assert best.is_at_bound(effect)
+
+
 def test_what_an_inertia_lacks_of_the_mass_is_part_of_its_error(small: tuple[PlanarData, PlanarOptimum]) -> None:
     data, best = small
     plain = planar_result(data, best).estimate
