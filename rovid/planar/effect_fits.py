@@ -195,8 +195,8 @@ def _new_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> list[F
         return []
     coordinates, starts = base.coordinates, []
     at, size = coordinates.noise_begin, coordinates.sizes.effects.unit_size(effect.parameters[0])
-    in_current = any(isinstance(one.acts, WaterCurrent) for one in (*base.effects, effect))
-    for start in start_values(data, with_current=in_current, with_place=of_speeds):
+    known = base.model.current
+    for start in start_values(data, with_current=not of_speeds, with_place=of_speeds, known=known):
         north, east = start.current
         own = effect.initial_values[0].copy()
         if of_speeds:

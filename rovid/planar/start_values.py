@@ -70,10 +70,13 @@ def planar_rudders(data: dataset.PlanarData) -> tuple[RudderModel, ...]:
     return tuple(found)
 
 
-def start_values(data: dataset.PlanarData, *, with_current: bool, with_place: bool = False) -> list[StartValues]:
+def start_values(
+    data: dataset.PlanarData, *, with_current: bool, with_place: bool = False, known: tuple[float, float] = (0.0, 0.0)
+) -> list[StartValues]:
     """Starts of the fit by several widths of the smoothing, and by the prior if there is one, which is the last.
 
-    Noise of the accelerations makes fitted inertias too small. Where the mass is known, each width has a second start.
+    ``known``: m/s; current to north and east, unless one is searched for. Noise of the accelerations makes fitted
+    inertias too small. Where the mass is known, each width has a second start.
 
     Raises
     ------
@@ -83,7 +86,7 @@ def start_values(data: dataset.PlanarData, *, with_current: bool, with_place: bo
     axes, found = np.array(dataset.measured_axes(data.sensors)), []
     for runs in _smoothed(data, _WIDTHS):
         rows = dataset.SmoothRun.stacked(runs, _FEW_POINTS if with_place else _MOST_POINTS)
-        start = _start(data, rows, axes, with_current=with_current, with_place=with_place)
+        start = _start(data, rows, axes, with_current=with_current, with_place=with_place, known=known)
         if dataset.has_hidden_sway(data):
             slips = np.array([rudder.slipstream for rudder in start.model.rudders])
             every, rudders = np.ones(3, dtype=bool), start.model.rudders
@@ -159,14 +162,15 @@ def _start(
     *,
     with_current: bool,
     with_place: bool = False,
+    known: tuple[float, float] = (0.0, 0.0),
     mass: float = 0.0,
 ) -> StartValues:
     rudders = planar_rudders(data)
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
     if not speed[2] > 0.0 and not speed[:2].any():
         raise DataError("the vehicle does not move in these logs.", mend="Give logs of runs with commands.")
-    best, values, slipstreams, current, place = math.inf, np.zeros(0), np.zeros(len(rudders)), (0.0, 0.0), 0.0
-    places, currents = [0.0], [(0.0, 0.0)]
+    best, values, slipstreams, current, place = math.inf, np.zeros(0), np.zeros(len(rudders)), known, 0.0
+    places, currents = [0.0], [known]
     if with_place and speed[2] > 0.0:
         radius = math.hypot(speed[0], speed[1]) / float(speed[2])
         places += [side * share * radius for share in _PLACES for side in (1.0, -1.0)]
