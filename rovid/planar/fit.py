@@ -152,8 +152,10 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     kept = [at for at, (one, score) in enumerate(zip(starts, scores, strict=True)) if score > 0.0 or not one.is_heavy]
     best_score = max(scores[at] for at in kept)
     usable = [at for at in kept if scores[at] >= best_score - _WORSE_START]
-    in_current = start_values(data, with_current=True)
-    sizes = planar_sizes(data, in_current[min(usable, key=lambda at: in_current[at].residual)])
+    in_current, simulating_best = start_values(data, with_current=True), max(usable, key=lambda at: scores[at])
+    # Noise of the accelerations leaves nearly no inertia, and no force to compare with: then the mass tells the sizes.
+    least = min(usable, key=lambda at: in_current[at].residual)
+    sizes = planar_sizes(data, in_current[simulating_best if starts[simulating_best].is_heavy else least])
     sensors = tuple(name for name in data.sensors if not yaw_only or name in {"heading", "yaw_rate"})
     grid = planar_grid(data, sizes, yaw_only=yaw_only, interval=_SEARCH_SHARE * float(sizes.time.min()))
     # A slipstream that one start leaves out is free in all.

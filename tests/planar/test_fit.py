@@ -17,7 +17,7 @@ from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.model.bound_effects import BoundEffect
-from rovid.planar import free_runs
+from rovid.planar import fit, free_runs
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import _with_stall
@@ -142,6 +142,20 @@ def test_the_mass_gives_a_start_where_noise_hides_the_accelerations() -> None:
     assert len(plain) == len(heavy)
     assert min(one.model.base[:2].min() for one in plain) < 0.5 * mass
     assert min(one.model.base[:2].min() for one in heavy) >= mass
+
+
+def test_the_mass_gives_the_sizes_where_its_start_simulates_best(
+    small: tuple[PlanarData, PlanarOptimum], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sizes of a start with nearly no inertia: a tanker's fit had no answer within 400 s of processor time."""
+    data, best = small
+    base = np.where(np.arange(10) < 2, 0.7, 1.0) * best.model.base
+    start = replace(start_values(data, with_current=False)[0], model=best.model, residual=0.5, is_heavy=True)
+    light = replace(start, model=replace(best.model, base=base), residual=0.1, is_heavy=False)
+    monkeypatch.setattr(fit, "start_values", lambda *_, **__: [light, start])
+    monkeypatch.setattr(PlanarOptimum, "fit", classmethod(lambda cls, likelihood, x, *_: cls(likelihood, x, 0.0)))
+    found = fit_base(data, with_current=True).coordinates.sizes.inertia
+    assert found[:2] == pytest.approx(best.model.base[:2])
 
 
 @pytest.mark.slow
