@@ -88,7 +88,7 @@ def diagnose_planar(
     except DataError as error:
         return PlanarDiagnosis(verdict="too_little_data", missing=str(error))
     parts = Parts(data, base)
-    if missing := _too_short(data, parts, base):
+    if missing := _too_short(data, parts):
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
     search = _in_current(_search(data, base, own))
     base, parts = search.base, Parts(data, search.base)
@@ -166,18 +166,15 @@ def _agreeing(search: PlanarSearch, model: PlanarOptimum, likelier: Collection[s
     return model
 
 
-def _too_short(data: PlanarData, parts: Parts, base: PlanarOptimum) -> str:
+def _too_short(data: PlanarData, parts: Parts) -> str:
     """Message on logs too short to hold parts out; empty if long enough."""
-    times = base.coordinates.sizes.time
-    constant = float(times[2] if base.likelihood.grid.yaw_only else times.min())
-    least = THRESHOLDS.part_time_constants_min * constant
-    if parts.count >= THRESHOLDS.min_trials and parts.shortest >= least:
+    if parts.count >= THRESHOLDS.min_trials and parts.shortest >= parts.least:
         return ""
     seconds = sum(run.duration for run in data.runs)
     return (
         f"there are {len(data.runs)} trials, {seconds:.0f} s in all: too little for {THRESHOLDS.min_trials} parts of "
-        f"{least:.0f} s, of which some are held out for validation. Record more runs of other kinds (straight runs at "
-        "two speeds, sideways runs, turns both ways, a zigzag)."
+        f"{parts.least:.0f} s, of which some are held out for validation. Record more runs of other kinds (straight "
+        "runs at two speeds, sideways runs, turns both ways, a zigzag)."
     )
 
 

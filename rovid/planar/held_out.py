@@ -59,6 +59,12 @@ class Parts:
         """Number of parts."""
         return int(self.part_of_run[-1][1])
 
+    @property
+    def least(self) -> float:
+        """Least length of a part in s."""
+        times, yaw_only = self.optimum.coordinates.sizes.time, self.optimum.likelihood.grid.yaw_only
+        return THRESHOLDS.part_time_constants_min * float(times[2] if yaw_only else times.min())
+
     @cached_property
     def part_of_run(self) -> list[tuple[int, int]]:
         """First part of each run, and the part after its last one."""
@@ -66,8 +72,9 @@ class Parts:
         if len(runs) >= THRESHOLDS.min_trials:
             return [(number, number + 1) for number in range(len(runs))]
         total, first, found = sum(run.duration for run in runs), 0, []
+        usual = max(min(THRESHOLDS.parts, int(total / self.least)), THRESHOLDS.min_trials)
         for run in runs:
-            last = first + max(1, round(THRESHOLDS.parts * run.duration / total))
+            last = first + max(1, round(usual * run.duration / total))
             found.append((first, last))
             first = last
         return found
@@ -156,10 +163,8 @@ class HeldOut:
     @cached_property
     def errors(self) -> list[float]:
         """(5,) RMS errors over all windows; NaN where unknown."""
-        return [
-            math.sqrt(float(np.mean(one[np.isfinite(one)]))) if np.isfinite(one).any() else math.nan
-            for one in self.squares.T
-        ]
+        known = [one[np.isfinite(one)] for one in self.squares.T]
+        return [math.sqrt(float(np.mean(one))) if len(one) else math.nan for one in known]
 
     @property
     def scores(self) -> PlanarScores:
@@ -179,8 +184,7 @@ class HeldOut:
         for part in range(self.parts.count):
             own = self.squares[owner == part]
             known = np.isfinite(own)
-            count = known.sum(axis=0)
-            total = np.where(known, own, 0.0).sum(axis=0)
+            count, total = known.sum(axis=0), np.where(known, own, 0.0).sum(axis=0)
             found[part] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
         return found
 
@@ -370,10 +374,8 @@ class Gate:
             # Its test was next to causes that are gone, and that it may stand for.
             if self.tested(model, one.effect)[0].probability < THRESHOLDS.established:
                 messages.append(_NOT_ALONE.format(one.effect.title, " and ".join(two.effect.title for two in lost)))
-                model, found = (
-                    search.polish(search.without(model, one.effect)),
-                    [two for two in found if two is not one],
-                )
+                model = search.polish(search.without(model, one.effect))
+                found = [two for two in found if two is not one]
         if found and (worse := self._worsened(model, search.base)):
             messages.append(_WORSENED.format(" and ".join(one.effect.title for one in found), worse))
             return [], search.base, messages
@@ -390,9 +392,8 @@ class Gate:
         named = ("the yaw rate", *(f"the heading after {horizon:g} s" for horizon in HORIZONS))
         names = dict(enumerate(named, start=AXIS_SPEEDS.index("yaw_rate")))
         growths = {at: own.errors[at] / rest.errors[at] - 1.0 for at in names if rest.errors[at] > 0.0}
-        for at in sorted(growths, key=lambda one: -growths[one]):
-            if growths[at] <= THRESHOLDS.held_out_growth:
-                break
+        grown = [at for at, growth in growths.items() if growth > THRESHOLDS.held_out_growth]
+        for at in sorted(grown, key=lambda one: -growths[one]):
             by_chance = not certain_growth(own.by_part[:, [at]], rest.by_part[:, [at]])
             if not by_chance or own.errors[at] > noise_floors(self.parts, model).errors[at]:
                 return f"the held-out error of {names[at]} is {100.0 * growths[at]:.0f} % larger"

@@ -21,7 +21,7 @@ from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import _agreeing, _fitted_to_all_readings, _in_current, _search, diagnose_planar
 from rovid.planar.doubts import contradicted, formless, likelier_suspects, outweighed
 from rovid.planar.fit import fit_base, planar_result
-from rovid.planar.held_out import Gate, HeldOut
+from rovid.planar.held_out import Gate, HeldOut, Parts
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
 from rovid.present.documents.diagnosis import next_planar_experiment
@@ -92,6 +92,18 @@ def test_logs_without_thrust_or_too_short_are_told_at_once() -> None:
     diagnosis = diagnose_planar(planar_data(Campaign(trials=still, sources=()), data.vehicle))
     assert diagnosis.verdict == "too_little_data"
     assert "no thruster ever runs" in diagnosis.missing
+
+
+@pytest.mark.parametrize(("constant", "counts"), [(2.0, 8), (17.6, 6), (30.0, 4)])
+def test_parts_are_longer_where_the_vehicle_is_slow(constant: float, counts: int) -> None:
+    """Two runs of 111 s of a tanker were refused as too short for four parts of 35 s: they were cut into eight."""
+    sizes = SimpleNamespace(time=np.array([3.0 * constant, 2.0 * constant, constant]))
+    likelihood = SimpleNamespace(grid=SimpleNamespace(yaw_only=False))
+    optimum: Any = SimpleNamespace(coordinates=SimpleNamespace(sizes=sizes), likelihood=likelihood)
+    data: Any = SimpleNamespace(runs=[SimpleNamespace(duration=111.0)] * 2)
+    parts = Parts(data, optimum)
+    assert parts.count == counts
+    assert (parts.shortest >= parts.least) == (constant < 27.0)
 
 
 def test_a_filter_that_diverges_next_to_the_optimum_is_refused() -> None:

@@ -11,7 +11,6 @@ import pytest
 from rovid.effects import Effect, effect_named
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar import effect_fits
-from rovid.planar import start_values as start_values_of
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import (
@@ -29,6 +28,7 @@ from rovid.planar.free_runs import FreeRuns, simulate_planar
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.regression import regression
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values
 from tests.planar.vehicles import box_rov, campaign, torpedo
 
@@ -133,13 +133,13 @@ def test_a_place_next_to_a_current_takes_the_current_of_the_model(monkeypatch: p
     """All currents for each place took 8 s of the 21 s of a tanker's fit."""
     truth = box_rov(3, place=(0.3, 0.0), current=(0.2, -0.1))
     data = campaign(truth, runs=2, levels=6, hold=4.0, seed=2)
-    taken, regression = [], start_values_of.regression
+    taken = list[Any]()
 
     def counted(*args: Any) -> Any:
         taken.append(args)
         return regression(*args)
 
-    monkeypatch.setattr(start_values_of, "regression", counted)
+    monkeypatch.setattr("rovid.planar.start_values.regression", counted)
     starts = start_values(data, with_current=False, with_place=True, known=truth.current)
     best = min(starts, key=lambda one: one.residual)
     assert best.current == truth.current
