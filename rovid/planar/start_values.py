@@ -56,7 +56,7 @@ class StartValues:
     speed: FloatArray
     time: FloatArray
     residual: float  #: Share of the variance of the forces that the regression leaves.
-    is_heavy: bool = False  #: Whether the inertias are those of the rigid body at least.
+    is_heavy: bool = False  #: Whether the mass of the rigid body made the inertias larger.
 
 
 def planar_rudders(data: dataset.PlanarData) -> tuple[RudderModel, ...]:
@@ -96,7 +96,8 @@ def start_values(
         if (mass := data.vehicle.mass) is not None and axes[:2].all():
             own = rows.from_place(start.place).in_current(*start.current)
             heavy = _start(data, own, axes, with_current=False, mass=mass)
-            found.append(replace(heavy, current=start.current, place=start.place, is_heavy=True))
+            is_heavy = bool(start.model.base[:2].min() < mass)  # Else both starts are the same.
+            found.append(replace(heavy, current=start.current, place=start.place, is_heavy=is_heavy))
     if not found:
         text = f"the runs are too short: {max(run.duration for run in data.runs):.1f} s at most."
         raise DataError(text, mend="Give longer logs, or readings at a higher rate.")
