@@ -168,10 +168,13 @@ def test_without_gyro_samples_the_rate_comes_from_the_heading() -> None:
     np.testing.assert_allclose(rates.rate[known], 0.2 * np.sin(0.3 * rates.time[known]), atol=2e-3)
 
 
-@pytest.mark.parametrize(
+in_water_that_moves = pytest.mark.parametrize(
     ("key", "values"),
     [("entrained_swirl", (0.3, 60.0)), ("tank_seiche", (0.3, 1.3, 0.03)), ("added_mass_memory", (2000.0, 20.0))],
 )
+
+
+@in_water_that_moves
 def test_a_restart_has_the_states_along_the_trajectory(key: str, values: tuple[float, ...]) -> None:
     moving = replace(ROSUB, effects=(effect_named(key),), effect_values=values)
     time = clock(400.0)
@@ -188,10 +191,7 @@ def test_a_restart_has_the_states_along_the_trajectory(key: str, values: tuple[f
         assert error < 0.1 * worse
 
 
-@pytest.mark.parametrize(
-    ("key", "values"),
-    [("entrained_swirl", (0.3, 60.0)), ("tank_seiche", (0.3, 1.3, 0.03)), ("added_mass_memory", (2000.0, 20.0))],
-)
+@in_water_that_moves
 def test_a_log_that_begins_in_motion_begins_with_moving_water(key: str, values: tuple[float, ...]) -> None:
     moving = replace(ROSUB, effects=(effect_named(key),), effect_values=values)
     time = clock(160.0)
