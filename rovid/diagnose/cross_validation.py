@@ -16,13 +16,13 @@ from rovid.effects import Effect
 from rovid.effects.base import OnHeading, WaveTorque
 from rovid.estimate.dataset import FitData, rms_rate, time_constant
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.multi_step import MultiStepData, prediction_errors
+from rovid.estimate.multi_step import MultiStepData, prediction_errors, states_at_starts
 from rovid.estimate.objective import NegativeLogLikelihood
 from rovid.estimate.output_error import fit_output_error
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS as HORIZON_SECONDS
-from rovid.model.simulation import fit_measures, simulate_runs, states_at_starts
+from rovid.model.simulation import fit_measures, simulate_runs
 from rovid.trial.preprocessing import PreparedRuns, Run, prepare_trials
 from rovid.trial.rates import highest_cutoff
 from rovid.trial.trial import Trial
@@ -332,7 +332,7 @@ def _horizon_squares(
         model = fitted.objective.parametrization.model(fold.x)
         own = np.isin(piece, list(map(pieces.index, fold.pieces)))
         at = piece[own], data.horizon[own]
-        errors = prediction_errors(data, model, states_at_starts(data.runs, model, vehicle))
+        errors = prediction_errors(data, model, states_at_starts(data, model, vehicle))
         np.add.at(squares, at, errors[own] ** 2)
         np.add.at(count, at, 1.0)
     return squares, count

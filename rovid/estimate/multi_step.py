@@ -32,7 +32,9 @@ from rovid.estimate.restart_grid import (
     held_rows,
 )
 from rovid.model.model import Model
+from rovid.model.simulation import filtered_input, terms_along
 from rovid.trial.rates import resample
+from rovid.trial.vehicle import Vehicle
 
 # Length of a block in time constants, and the least number of blocks.
 _BLOCK, _BLOCKS = 8.0, 12
@@ -181,6 +183,18 @@ def prediction_errors(data: MultiStepData, model: Model, first_states: FloatArra
     # The likelihood is that of the measured position, including the sensor's deviation.
     error = predicted - (measured.angle[grid.ends] - measured.angle[grid.starts])
     return np.asarray(error * measured.slope[grid.ends])
+
+
+def states_at_starts(data: MultiStepData, model: Model, vehicle: Vehicle) -> FloatArray | None:
+    """(r, m * TERM_STATES) states of the terms at the first sample of each run, as the measured motion shows them."""
+    if not model.terms.stateful:
+        return None
+    found = []
+    for one in data.gridded_runs:
+        held = filtered_input(one.run, model, vehicle)
+        motion = one.trajectory.bridged_rate, one.trajectory.angle
+        found.append(terms_along(one.run, model, vehicle, held, motion, one.stride)[1])
+    return np.array(found)
 
 
 def _true_trajectory(gridded: GriddedRun, model: Model) -> Trajectory:

@@ -1,7 +1,7 @@
 """Free-running simulation of trials, compared to the measurement."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -52,39 +52,41 @@ def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[T
     return [_simulate(run, model, vehicle) for run in runs]
 
 
-def states_at_starts(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> FloatArray | None:
-    """(r, m * TERM_STATES) states of the terms at the first sample of each run; None if no term has states."""
-    if not model.terms.stateful:
-        return None
-    return np.array([_states_at_start(run, model, vehicle, model.torque_input(vehicle, run.trial)) for run in runs])
-
-
 def _states_at_start(run: Run, model: Model, vehicle: Vehicle, torque_input: TorqueInput) -> FloatArray:
-    """(m * TERM_STATES,) states of the terms at the first sample of a ``run``; zeros if it begins at rest.
+    """(m * TERM_STATES,) states with which the simulated rate of a ``run`` is nearest to the measured one."""
 
-    The errors of the simulation from rest are regressed on what each unknown state of water or tether changes. Its
-    prior has the standard deviation of `Term.unknown_start`.
-    """
-    at_rest = np.zeros(TERM_STATES * len(model.terms.kinds))
-    if not model.terms.stateful or with_past(run.trial, model.body, vehicle).past is None:
-        return at_rest
-    rate, torque = (math.sqrt(float(np.nanmean(np.square(one)))) for one in (run.rates.rate, torque_input.torque))
-    unknown = [one for one in unknown_states(model.terms, rate, torque / model.inertia) if one[1] > 0.0]
-    if not unknown:
-        return at_rest
-    begins = np.zeros((len(unknown), len(at_rest)))
+    def rate(states: FloatArray) -> FloatArray:
+        return run.rates.smooth_samples(run.trial, model.simulate(run.trial, torque_input, states)[0])
+
+    return _nearest_states(_unknown_states(run, model, vehicle, torque_input.torque), rate, run.rates.rate)
+
+
+def _unknown_states(run: Run, model: Model, vehicle: Vehicle, torque: FloatArray) -> FloatArray:
+    """(k, m * TERM_STATES) standard deviation of each unknown state at the first sample, one in a row; none at rest."""
+    unknown = list[tuple[int, float]]()
+    if model.terms.stateful and with_past(run.trial, model.body, vehicle).past is not None:
+        rate, size = (math.sqrt(float(np.nanmean(np.square(one)))) for one in (run.rates.rate, torque))
+        unknown = [one for one in unknown_states(model.terms, rate, size / model.inertia) if one[1] > 0.0]
+    begins = np.zeros((len(unknown), TERM_STATES * len(model.terms.kinds)))
     begins[range(len(unknown)), [at for at, _ in unknown]] = [std for _, std in unknown]
-    rates = [
-        run.rates.smooth_samples(run.trial, model.simulate(run.trial, torque_input, states)[0])
-        for states in (at_rest, *begins)
-    ]
-    known = np.isfinite(run.rates.rate) & np.isfinite(rates).all(axis=0)
-    error = (run.rates.rate - rates[0])[known]
-    changes = np.column_stack([(rate - rates[0])[known] for rate in rates[1:]])
+    return begins
+
+
+def _nearest_states(begins: FloatArray, series: Callable[[FloatArray], FloatArray], wanted: FloatArray) -> FloatArray:
+    """(s,) states with which the (n,) ``series`` is nearest to the ``wanted`` one.
+
+    The errors of the series from rest are regressed on what each of the (k, s) ``begins`` changes. The prior of its
+    share is the standard normal distribution.
+    """
+    at_rest = np.zeros(begins.shape[1])
+    if not len(begins):
+        return at_rest
+    from_rest, *others = map(series, (at_rest, *begins))
+    known = np.isfinite(wanted) & np.isfinite(from_rest) & np.isfinite(others).all(axis=0)
+    error, changes = (wanted - from_rest)[known], np.column_stack([(one - from_rest)[known] for one in others])
     best = np.linalg.lstsq(changes, error)[0]
     noise = float(np.sum((error - changes @ best) ** 2)) / max(len(error), 1)
-    # The prior of each share is the standard normal distribution.
-    shares = np.linalg.lstsq(changes.T @ changes + noise * np.eye(len(unknown)), changes.T @ error)[0]
+    shares = np.linalg.lstsq(changes.T @ changes + noise * np.eye(len(begins)), changes.T @ error)[0]
     return np.asarray(shares @ begins)
 
 
@@ -95,10 +97,45 @@ def simulated_rate(run: Run, model: Model, torque_input: TorqueInput) -> FloatAr
 
 def acting_torque(run: Run, model: Model, vehicle: Vehicle) -> FloatArray:
     """(m,) torque in N m of the thrusters and of all terms of effects, along the measured motion, filtered as it is."""
-    held = model.torque_input(vehicle, run.trial).mapped(partial(run.rates.filter_held, run.trial))
-    equation, rates = model.equation_for(run.trial), run.rates
-    motion = (rates.rate, rates.position - equation.start, held.torque)
-    return held.torque + evaluate_along(equation, rates.kernel.period, motion, held.effect_inputs)[0]
+    held = filtered_input(run, model, vehicle)
+    return held.torque + terms_along(run, model, vehicle, held)[0]
+
+
+def filtered_input(run: Run, model: Model, vehicle: Vehicle) -> TorqueInput:
+    """(m,) torque input on the grid of the ``run``, through the same filter as the motion."""
+    return model.torque_input(vehicle, run.trial).mapped(partial(run.rates.filter_held, run.trial))
+
+
+def terms_along(
+    run: Run,
+    model: Model,
+    vehicle: Vehicle,
+    held: TorqueInput,
+    motion: tuple[FloatArray, FloatArray] | None = None,
+    stride: int = 1,
+) -> tuple[FloatArray, FloatArray]:
+    """(m,) torque in N m of all terms along the measured motion of a ``run``, and (s,) their states at its start.
+
+    The states are those that leave the least torque unexplained, as the ``held`` torque input and the acceleration show
+    it. ``motion``: (m,) rate and angle since the start of the trial, at each ``stride``-th instant of the grid.
+    """
+    equation, rates, grid = model.equation_for(run.trial), run.rates, slice(None, None, stride)
+    if motion is None:
+        angle = rates.position - equation.start
+        motion = full_rate(rates.rate, angle, rates.kernel.period), angle
+    period, course = stride * rates.kernel.period, (*motion, held.torque[grid])
+
+    def terms(states: FloatArray) -> FloatArray:
+        return evaluate_along(equation, period, course, held.effect_inputs[grid], states)[0]
+
+    wanted = model.inertia * rates.acceleration + model.drag(rates.rate) - held.torque
+    states = _nearest_states(_unknown_states(run, model, vehicle, held.torque), terms, wanted[grid])
+    return terms(states), states
+
+
+def full_rate(rate: FloatArray, angle: FloatArray, period: float) -> FloatArray:
+    """(m,) rate, also at the ends of a trial, where the filter gives none: the water moves there already."""
+    return np.where(np.isfinite(rate), rate, np.gradient(angle, period))
 
 
 def pooled_fit(simulations: Sequence[TrialSimulation]) -> FitMeasures:
@@ -121,8 +158,7 @@ def fit_measures(measured: FloatArray, simulated: FloatArray) -> FitMeasures:
 
 def _simulate(run: Run, model: Model, vehicle: Vehicle) -> TrialSimulation:
     torque_input = model.torque_input(vehicle, run.trial)
-    states = _states_at_start(run, model, vehicle, torque_input)
-    rate, position = model.simulate(run.trial, torque_input, states)
+    rate, position = model.simulate(run.trial, torque_input, _states_at_start(run, model, vehicle, torque_input))
     simulated = run.rates.smooth_samples(run.trial, rate)
     return TrialSimulation(
         run=run,
@@ -130,13 +166,11 @@ def _simulate(run: Run, model: Model, vehicle: Vehicle) -> TrialSimulation:
         measured=run.rates.rate,
         simulated=simulated,
         position=position,
-        position_errors=_position_errors(run, model, torque_input, states),
+        position_errors=_position_errors(run, model, vehicle, torque_input),
     )
 
 
-def _position_errors(
-    run: Run, model: Model, torque_input: TorqueInput, first_states: FloatArray
-) -> dict[float, float | None]:
+def _position_errors(run: Run, model: Model, vehicle: Vehicle, torque_input: TorqueInput) -> dict[float, float | None]:
     rates, trial = run.rates, run.trial
     # Angle about the body's own axis: the measured position without the sensor's deviation and the effect of logged
     # tilt.
@@ -146,11 +180,12 @@ def _position_errors(
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
     torque, effect_inputs = torque_input.torque[at_grid], torque_input.effect_inputs[at_grid]
     rate, turned = rates.rate if rates.from_gyro else rates.rate / gain, angle - angle[np.isfinite(angle)][0]
-    # The filter gives no rate at the ends of a trial. The water moves there already.
-    full_rate = np.where(np.isfinite(rate), rate, np.gradient(turned, rates.kernel.period))
     equation = model.equation_for(trial)
-    motion = full_rate, turned, torque
-    _, states = evaluate_along(equation, rates.kernel.period, motion, effect_inputs, first_states)
+    motion = full_rate(rate, turned, rates.kernel.period), turned
+    first = None
+    if model.terms.stateful:
+        _, first = terms_along(run, model, vehicle, filtered_input(run, model, vehicle), motion)
+    _, states = evaluate_along(equation, rates.kernel.period, (*motion, torque), effect_inputs, first)
 
     def predicted_turn(at: int, end: int) -> float:
         part = slice(at, end + 1)

@@ -4,7 +4,6 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,8 @@ from rovid.core.output_files import RECORDING, RECORDING_LIBRARY, OutputFile, Ou
 from rovid.core.stats import NORMAL_95
 from rovid.effects import Effect
 from rovid.model.model import Model
-from rovid.model.ode import evaluate_along
-from rovid.model.simulation import TrialSimulation
+from rovid.model.simulation import TrialSimulation, filtered_input, terms_along
+from rovid.model.torque_input import TorqueInput
 from rovid.readers.convert import OutputTopic, mcap_bytes, name_with_unit
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.preprocessing import PreparedRuns, Run, prepare, shared_channels
@@ -51,7 +50,7 @@ def residual_torques(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> lis
     """Torque of each run that inertia, drag, weight and buoyancy do not explain."""
     items, base = [], model.with_effects()
     for run in runs:
-        filtered = model.torque_input(vehicle, run.trial).mapped(partial(run.rates.filter_held, run.trial))
+        filtered = filtered_input(run, model, vehicle)
         torque = filtered.torque if model.effects else run.filtered_torque
         item = ResidualTorque(
             run=run,
@@ -60,7 +59,7 @@ def residual_torques(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> lis
             residual=np.asarray(torque - model.inertia * run.rates.acceleration - model.drag(run.rates.rate)),
             noise_sd=model.inertia * run.rates.acceleration_noise,
         )
-        items.append(replace(item, residual=item.residual + _term_torques(item, base)))
+        items.append(replace(item, residual=item.residual + _term_torques(item, base, vehicle)))
     return items
 
 
@@ -79,17 +78,16 @@ def unexplained_torques(runs: PreparedRuns, model: Model, vehicle: Vehicle) -> l
         campaign = Campaign(trials=tuple(trials), sources=())
         with_true_headings = prepare(campaign, vehicle, cutoff=runs.cutoff).items
     for item in residual_torques(with_true_headings, model, vehicle):
-        with_all = item.residual + _term_torques(item, model)
+        with_all = item.residual + _term_torques(item, model, vehicle)
         # Weight and buoyancy were subtracted before.
-        items.append(replace(item, residual=with_all - _term_torques(item, base)))
+        items.append(replace(item, residual=with_all - _term_torques(item, base, vehicle)))
     return items
 
 
-def _term_torques(item: ResidualTorque, model: Model) -> FloatArray:
+def _term_torques(item: ResidualTorque, model: Model, vehicle: Vehicle) -> FloatArray:
     """(m,) torque in N m of the terms in the equation of motion, at the measured rate and angle."""
-    rates, equation = item.run.rates, model.equation_for(item.run.trial)
-    motion = (rates.rate, rates.position - equation.start, item.thruster_torque)
-    return evaluate_along(equation, rates.kernel.period, motion, item.effect_inputs)[0]
+    held = TorqueInput.held(item.thruster_torque, item.effect_inputs)
+    return terms_along(item.run, model, vehicle, held)[0]
 
 
 def all_residuals(items: Sequence[ResidualTorque]) -> FloatArray:

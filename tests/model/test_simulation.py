@@ -13,7 +13,7 @@ from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
-from rovid.model.simulation import fit_measures, pooled_fit, simulate_runs, states_at_starts
+from rovid.model.simulation import filtered_input, fit_measures, pooled_fit, simulate_runs, terms_along
 from rovid.model.torque_input import TorqueInput
 from rovid.trial.preprocessing import Run
 from rovid.trial.rates import compute_rates
@@ -208,8 +208,12 @@ def test_a_log_that_begins_in_motion_begins_with_moving_water(key: str, values: 
     (made,) = simulate_runs([cut], moving, LOGGED)
     # What is left is due to the initial rate, which comes from the first headings.
     assert made.fit.rmse < 0.25 * fit_measures(cut.rates.rate, from_rest).rmse
+    held = filtered_input(cut, moving, LOGGED)
+    torque, states = terms_along(cut, moving, LOGGED, held)
+    missing = moving.inertia * cut.rates.acceleration + moving.drag(cut.rates.rate) - held.torque
+    assert states.any()
+    assert np.nanstd(missing - torque) < 0.05 * np.nanstd(missing)
     # Of a log that begins at rest nothing is estimated, and a model without such states has none.
-    states = states_at_starts([logged(0)], moving, LOGGED)
-    assert states is not None
-    assert not states.any()
-    assert states_at_starts([cut], ROSUB, LOGGED) is None
+    rested = logged(0)
+    assert not terms_along(rested, moving, LOGGED, filtered_input(rested, moving, LOGGED))[1].any()
+    assert not len(terms_along(cut, ROSUB, LOGGED, held)[1])
