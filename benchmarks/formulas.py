@@ -32,7 +32,6 @@ from rovid.diagnose.objectives import SearchProblem, pose, preload, without_wave
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import Effect, forms_for
 from rovid.estimate.fit_result import FitResult
-from rovid.estimate.output_error import fit_output_error
 from rovid.model.model import Model
 from rovid.model.simulation import simulate_runs
 from rovid.store.study import Study, open_study
@@ -64,7 +63,7 @@ def searched(study: Study) -> tuple[Diagnosis, FormulaSearch]:
     preload()
     parts = split_runs(study.runs.items, study.vehicle, study.runs.cutoff)
     runs = list(study.runs.items if parts is None else parts.items)
-    problem = pose(study.runs, runs, study.vehicle, fit_output_error(runs, min_sigmas=0.0), Budget(seconds=3600.0))
+    problem = pose(study.runs, runs, study.vehicle, Budget(seconds=3600.0))
     selection = decide(problem)
     diagnosis = conclude(doubt_stand_ins(problem, selection), ())
     return diagnosis, FormulaSearch(problem, selection.model)

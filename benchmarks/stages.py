@@ -34,7 +34,7 @@ WHOLE, SCREENING, CLIMBS = "diagnosis", "screening", "climbs"
 # Where a function is called from, by module and name, and the stage that it is; several may be of one.
 STAGES = {
     "rovid.store.study.open_study": "reading",
-    "rovid.diagnose.algorithm.fit_output_error": "start fit",
+    "rovid.diagnose.objectives.fit_output_error": "start fit",
     "rovid.diagnose.objectives.cv_pieces": "cutting into pieces",
     "rovid.diagnose.algorithm.select_directly": "search by one-step predictions",
     "rovid.diagnose.objectives.run_wave_test": "waves",

@@ -51,7 +51,6 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import drop_inconsistent, drop_likely, first_rejection, report_remainder
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
-from rovid.estimate.output_error import fit_output_error
 from rovid.trial.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
 
@@ -71,12 +70,11 @@ def diagnose(
     is_compiled = preload()
     samples = sum(len(run.trial.time) for run in prepared.items)
     with forked_workers(enabled=is_compiled and samples < THRESHOLDS.fork_samples) as is_first:
+        own = replace(budget or Budget(), report=report if is_first else lambda _: None)
         try:
-            start = fit_output_error(runs, min_sigmas=0.0)
+            problem = pose(prepared, runs, vehicle, own)
         except DataError as error:
             return Diagnosis(verdict="too_little_data", missing=str(error), warnings=notes)
-        own = replace(budget or Budget(), report=report if is_first else lambda _: None)
-        problem = pose(prepared, runs, vehicle, start, own)
         selection = doubt_stand_ins(problem, decide(problem))
         try:
             plain = fit_likelihood(prepared.items, vehicle)

@@ -15,7 +15,6 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
-from rovid.estimate.output_error import fit_output_error
 from rovid.trial.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
 
@@ -50,7 +49,7 @@ def try_effect(prepared: PreparedRuns, vehicle: Vehicle, forms: Sequence[Effect]
     if missing := missing_data(runs, prepared.cutoff):
         raise DataError(missing, where="LOGS", mend="Record more runs.")
     preload()
-    problem = pose(prepared, runs, vehicle, fit_output_error(runs, min_sigmas=0.0), budget)
+    problem = pose(prepared, runs, vehicle, budget)
     own = {form.id for form in forms}
     others = tuple(candidate for candidate in problem.candidates if candidate.id not in own)
     innovations = replace(problem.innovations, candidates=others)

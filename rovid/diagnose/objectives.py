@@ -37,8 +37,8 @@ from rovid.estimate.maximum_likelihood import (
 )
 from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.estimate.objective import UNLIMITED, ModelKey, NegativeLogLikelihood
+from rovid.estimate.output_error import fit_output_error
 from rovid.estimate.parametrization import DISTURBANCE
-from rovid.model.model import Model
 from rovid.trial.preprocessing import PreparedRuns, Run, shared_channels
 from rovid.trial.vehicle import Vehicle
 
@@ -272,9 +272,13 @@ class SearchProblem:
         self.budget.report(words)
 
 
-def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: Model, budget: Budget) -> SearchProblem:
-    """Candidates and data of the diagnosis; ``runs`` are the prepared runs or their parts, ``start`` a first model."""
+def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, budget: Budget) -> SearchProblem:
+    """Candidates and data of the diagnosis; ``runs`` are the prepared runs or their parts.
+
+    Raises DataError if the motion determines no first model.
+    """
     budget.report("Fitting the model without effects …")
+    start = fit_output_error(prepared.items, min_sigmas=0.0)
     pieces = cv_pieces(prepared.items, vehicle, prepared.cutoff)
     counts = Counter(piece.run_index for piece in pieces)
     trials = [run.trial.name for run in prepared.items]

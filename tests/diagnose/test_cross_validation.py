@@ -30,6 +30,7 @@ from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
+from rovid.estimate.output_error import fit_output_error
 from rovid.model.model import Model
 from rovid.trial.preprocessing import PreparedRuns, Run
 from rovid.trial.rates import compute_rates
@@ -58,11 +59,14 @@ def test_few_logs_are_searched_whole_unless_one_has_a_pause(pause: float) -> Non
     prepared = PreparedRuns(items=(run,), cutoff=0.5, chosen=True, remarks=())
     parts = split_runs(prepared.items, vehicle, 0.5)
     assert parts is not None
-    problem = pose(prepared, parts.items, vehicle, synthetic.ROSUB, Budget())
+    problem = pose(prepared, parts.items, vehicle, Budget())
     searched = problem.innovations
     assert (searched.data is problem.data) == (not pause)
     assert len(searched.data.runs) == (len(parts.items) if pause else 1)
     assert len(searched.pieces) == len(parts.items)
+    # The first model is that of the whole logs: in short parts a constant torque leaves no drag.
+    assert problem.data.initial_model == fit_output_error(prepared.items, min_sigmas=0.0)
+    assert problem.data.initial_model != fit_output_error(parts.items, min_sigmas=0.0)
 
 
 def test_three_logs_of_five_time_constants_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:

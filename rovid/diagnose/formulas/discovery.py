@@ -10,7 +10,6 @@ from rovid.diagnose.cross_validation import missing_data, split_runs
 from rovid.diagnose.formulas.search import Discovery, FormulaSearch
 from rovid.diagnose.objectives import pose, preload
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.estimate.output_error import fit_output_error
 from rovid.trial.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
 
@@ -27,11 +26,10 @@ def discover(
     is_compiled = preload()
     samples = sum(len(run.trial.time) for run in prepared.items)
     with forked_workers(enabled=is_compiled and samples < THRESHOLDS.fork_samples) as is_first:
+        own = replace(budget or Budget(), report=report if is_first else lambda _: None)
         try:
-            start = fit_output_error(runs, min_sigmas=0.0)
+            problem = pose(prepared, runs, vehicle, own)
         except DataError as error:
             return Discovery(missing=str(error))
-        own = replace(budget or Budget(), report=report if is_first else lambda _: None)
-        problem = pose(prepared, runs, vehicle, start, own)
         selected = decide(problem).model
     return FormulaSearch(problem, selected, report).run()
