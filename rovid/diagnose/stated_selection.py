@@ -108,7 +108,11 @@ def _state(selection: Selection, plain: LikelihoodFit | None) -> StatedSelection
     causes = list(map(selection.cause, selection.model.effects))
     base, model = selection.full_data(selection.base), selection.full_data(selection.model)
     suspected = suspects(selection)
-    estimate = model_estimate(model, white=model.is_white)
+    estimate, of_base = (model_estimate(one, white=one.is_white) for one in (model, base))
+    # Missing effects make one of the estimates uncertain, and what both models lack both; where both are uncertain
+    # without that, the vehicle was not excited.
+    surer = min(of_base, estimate, key=lambda one: one.standard_error("inertia") / one.value("inertia"))
+    require_inertia(surer, MIN_INERTIA_SIGMAS)
     by_forms, by_effects = _between_laws(selection, estimate)
     estimate = replace(estimate, covariance=estimate.covariance + by_forms + by_effects)
     by_dropped = np.zeros_like(estimate.covariance)
@@ -116,12 +120,7 @@ def _state(selection: Selection, plain: LikelihoodFit | None) -> StatedSelection
         # Suspects are fitted one by one, and these effects show only together.
         by_dropped = _between(_deviation(estimate, selection.dropped)[np.newaxis], np.array([_EVEN]))
         estimate = replace(estimate, covariance=estimate.covariance + by_dropped)
-    base_estimate = model_estimate(base, white=base.is_white) if plain is None else plain.estimate
-    # Missing effects make one of the estimates uncertain; where both are, the vehicle was not excited.
-    surer = min(base_estimate, estimate, key=lambda one: one.standard_error("inertia") / one.value("inertia"))
-    require_inertia(surer, MIN_INERTIA_SIGMAS)
-    if plain is None:
-        base_estimate = include_missing_torque(base_estimate, base.canonical())
+    base_estimate = include_missing_torque(of_base, base.canonical()) if plain is None else plain.estimate
     if model.effects:
         estimate = include_missing_torque(estimate, model.canonical())
         estimate = estimate.with_thrust_scale_uncertainty(model.thrust_scale_uncertainty)
