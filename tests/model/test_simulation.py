@@ -174,15 +174,25 @@ in_water_that_moves = pytest.mark.parametrize(
 )
 
 
+def moving_model(key: str, values: tuple[float, ...]) -> Model:
+    return replace(ROSUB, effects=(effect_named(key),), effect_values=values)
+
+
+def run_of(model: Model, seconds: float, begin: float = 0.0) -> Run:
+    """A run of two sines from rest, logged from ``begin`` s on."""
+    time = clock(seconds)
+    whole = run(time, 200.0 * np.sin(2.0 * np.pi * time / 80.0) + 200.0 * np.sin(2.0 * np.pi * time / 5.0))
+    heading = model.simulate(whole.trial, TorqueInput.held(whole.torque))[1]
+    own = time >= begin
+    log = trial(time[own] - begin, whole.torque[own], heading[own])
+    rates = compute_rates(log, cutoff=1.0)
+    return Run(trial=log, torque=whole.torque[own], rates=rates, filtered_torque=whole.filtered_torque[own])
+
+
 @in_water_that_moves
 def test_a_restart_has_the_states_along_the_trajectory(key: str, values: tuple[float, ...]) -> None:
-    moving = replace(ROSUB, effects=(effect_named(key),), effect_values=values)
-    time = clock(400.0)
-    plain = run(time, 200.0 * np.sin(2.0 * np.pi * time / 80.0) + 200.0 * np.sin(2.0 * np.pi * time / 5.0))
-    heading = moving.simulate(plain.trial, TorqueInput.held(plain.torque))[1]
-    log = trial(time, plain.torque, heading)
-    rates = compute_rates(log, cutoff=1.0)
-    made = Run(trial=log, torque=plain.torque, rates=rates, filtered_torque=plain.filtered_torque)
+    moving = moving_model(key, values)
+    made = run_of(moving, 400.0)
     (own,), (without,) = (simulate_runs([made], model, LOGGED) for model in (moving, ROSUB))
     for horizon in (10.0, 60.0):
         error, worse = own.position_errors[horizon], without.position_errors[horizon]
@@ -193,17 +203,8 @@ def test_a_restart_has_the_states_along_the_trajectory(key: str, values: tuple[f
 
 @in_water_that_moves
 def test_a_log_that_begins_in_motion_begins_with_moving_water(key: str, values: tuple[float, ...]) -> None:
-    moving = replace(ROSUB, effects=(effect_named(key),), effect_values=values)
-    time = clock(160.0)
-    whole = run(time, 200.0 * np.sin(2.0 * np.pi * time / 80.0) + 200.0 * np.sin(2.0 * np.pi * time / 5.0))
-    heading = moving.simulate(whole.trial, TorqueInput.held(whole.torque))[1]
-
-    def logged(begin: int) -> Run:
-        log = trial(time[begin:] - time[begin], whole.torque[begin:], heading[begin:])
-        rates, torque = compute_rates(log, cutoff=1.0), whole.torque[begin:]
-        return Run(trial=log, torque=torque, rates=rates, filtered_torque=whole.filtered_torque[begin:])
-
-    cut = logged(len(time) // 2)
+    moving = moving_model(key, values)
+    cut = run_of(moving, 160.0, begin=80.0)
     from_rest = cut.rates.smooth_samples(cut.trial, moving.simulate(cut.trial, TorqueInput.held(cut.torque))[0])
     (made,) = simulate_runs([cut], moving, LOGGED)
     # What is left is due to the initial rate, which comes from the first headings.
@@ -214,6 +215,6 @@ def test_a_log_that_begins_in_motion_begins_with_moving_water(key: str, values: 
     assert states.any()
     assert np.nanstd(missing - torque) < 0.05 * np.nanstd(missing)
     # Of a log that begins at rest nothing is estimated, and a model without such states has none.
-    rested = logged(0)
+    rested = run_of(moving, 160.0)
     assert not terms_along(rested, moving, LOGGED, filtered_input(rested, moving, LOGGED))[1].any()
     assert not len(terms_along(cut, ROSUB, LOGGED, held)[1])
