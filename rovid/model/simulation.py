@@ -19,6 +19,8 @@ from rovid.trial.vehicle import Vehicle
 
 # s; horizons of the position errors.
 HORIZONS = (10.0, 60.0)
+# Rate in rad/s, or torque in N m, of a model that diverges: squares of larger numbers overflow.
+_DIVERGED = 1e100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +66,8 @@ def _states_at_start(run: Run, model: Model, vehicle: Vehicle, torque_input: Tor
 def _unknown_states(run: Run, model: Model, vehicle: Vehicle, torque: FloatArray) -> FloatArray:
     """(k, m * TERM_STATES) standard deviation of each unknown state at the first sample, one in a row; none at rest."""
     unknown = list[tuple[int, float]]()
-    if model.terms.stateful and with_past(run.trial, model.body, vehicle).past is not None:
+    is_known = model.terms.stateful and bool(np.isfinite(run.rates.rate).any())
+    if is_known and with_past(run.trial, model.body, vehicle).past is not None:
         rate, size = (math.sqrt(float(np.nanmean(np.square(one)))) for one in (run.rates.rate, torque))
         unknown = [one for one in unknown_states(model.terms, rate, size / model.inertia) if one[1] > 0.0]
     begins = np.zeros((len(unknown), TERM_STATES * len(model.terms.kinds)))
@@ -82,7 +85,7 @@ def _nearest_states(begins: FloatArray, series: Callable[[FloatArray], FloatArra
     if not len(begins):
         return at_rest
     from_rest, *others = map(series, (at_rest, *begins))
-    known = np.isfinite(wanted) & np.isfinite(from_rest) & np.isfinite(others).all(axis=0)
+    known = np.isfinite(wanted) & (np.abs((from_rest, *others)) < _DIVERGED).all(axis=0)
     error, changes = (wanted - from_rest)[known], np.column_stack([(one - from_rest)[known] for one in others])
     best = np.linalg.lstsq(changes, error)[0]
     noise = float(np.sum((error - changes @ best) ** 2)) / max(len(error), 1)
