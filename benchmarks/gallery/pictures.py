@@ -73,13 +73,16 @@ def by_run(answers: Mapping[str, Answer]) -> Figure | None:
     if plain is None or plain.document is None:
         return None
     names = [trial["name"] for trial in plain.document["trials"]]
-    figure, ((panel,),) = panel_grid([(0.24 * len(names) + 0.3, 1)], left=2.6, top=0.45)
-    marks = (("plain", "plain model", GREY, "o"), ("extended", "with what was found", BLUE, "D"))
-    for step, label, colour, marker in marks:
+    left = 0.4 + 0.062 * max(map(len, names))  # inches of a letter of this size
+    figure, ((panel,),) = panel_grid([(0.24 * len(names) + 0.3, 1)], left=left, top=0.45)
+    # Where nothing was found both are one point: the larger mark lies behind the smaller one.
+    marks = (("plain", "plain model", GREY, "o", 9.0), ("extended", "with what was found", BLUE, "D", 5.0))
+    for step, label, colour, marker, size in marks:
         answer = answers.get(step)
         if answer is not None and answer.document is not None:
             r2 = [trial["yaw_rate_r2"] for trial in answer.document["trials"]]
-            panel.plot(r2, range(len(names)), linestyle="none", marker=marker, color=colour, label=label)
+            style = {"linestyle": "none", "marker": marker, "markersize": size, "color": colour}
+            panel.plot(r2, range(len(names)), label=label, **style)
     panel.set_yticks(range(len(names)), names, fontsize=8)
     panel.invert_yaxis()
     panel.axvline(1.0, color=BLACK, linewidth=0.8)
