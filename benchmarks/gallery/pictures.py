@@ -81,8 +81,7 @@ def by_run(answers: Mapping[str, Answer]) -> Figure | None:
         answer = answers.get(step)
         if answer is not None and answer.document is not None:
             r2 = [trial["yaw_rate_r2"] for trial in answer.document["trials"]]
-            style = {"linestyle": "none", "marker": marker, "markersize": size, "color": colour}
-            panel.plot(r2, range(len(names)), label=label, **style)
+            panel.plot(r2, range(len(names)), linestyle="none", marker=marker, ms=size, color=colour, label=label)
     panel.set_yticks(range(len(names)), names, fontsize=8)
     panel.invert_yaxis()
     panel.axvline(1.0, color=BLACK, linewidth=0.8)

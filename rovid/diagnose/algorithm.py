@@ -11,7 +11,7 @@ logged signal, become candidates. Six stages follow:
 4. *Validate*: an effect that fails one of the rules is banned, and the search continues without it. A likely effect
    keeps its place until the end. After `max_rejections` bans the model is tested only if likely effects are dropped.
 5. *Decide*: the search by one-step predictions (innovations) comes first. Multi-step predictions choose a new start for
-   it if no model with at most one cause fits, no cause dominates, waves change the result, an effect is rejected, or
+   it if no model with at most one cause fits, nothing dominates, waves change the result, an effect is rejected, or
    the result is not adequate (white innovations, disturbance within its limit). The first adequate, validated one-step
    model is reported. If there is none, the multi-step model is validated and reported.
 6. *Conclude*: the parameters are fitted to all data, and their errors include what the model lacks. An effect that
@@ -161,7 +161,7 @@ def decide(problem: SearchProblem) -> Selection:
 
 
 def select_directly(problem: SearchProblem) -> Selection | None:
-    """One-step selection from the base model; None where no cause dominates, or the result is not adequate."""
+    """One-step selection from the base model; None where nothing dominates, or the result is not adequate."""
     base = problem.innovations.base
     if fits_poorly(base) and not problem.innovations.fits_with_one_cause:
         return None
@@ -172,7 +172,7 @@ def select_next_to_waves(problem: SearchProblem, start: FitResult, is_hopeless: 
     """One-step selection from ``start``, repeated next to waves where these are established; None as above."""
     selection = select_by_innovations(problem, start, start, is_hopeless)
     model = start if selection is None else selection.model
-    # No cause may dominate because waves do.
+    # Where no cause dominates, the waves may.
     is_out_of_time = selection is not None and selection.is_out_of_time
     if is_out_of_time or (waves := problem.wave_test(model).established) is None:
         return selection

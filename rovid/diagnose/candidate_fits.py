@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -235,13 +235,17 @@ class FitCache:
     fits: dict[ModelKey, FitResult] = field(default_factory=dict)
     # Fits of other sets of causes that may come close to a model.
     challengers: dict[ModelKey, list[FitResult]] = field(default_factory=dict)
-    # Cross-validation folds with scores, and fits to all data: these belong to one selection.
+    # These belong to one selection: cross-validation with its scores, simulated rates, and fits to all data.
     folds: dict[ModelKey, list[Fold]] = field(default_factory=dict)
     held_out: dict[ModelKey, HeldOutScores] = field(default_factory=dict)
     horizons: dict[ModelKey, FloatArray] = field(default_factory=dict)
     rates: dict[FitResult, list[FloatArray]] = field(default_factory=dict)
     full_data: dict[ModelKey, FitResult] = field(default_factory=dict)
     _converged: dict[FitResult, FitResult] = field(default_factory=dict)
+
+    def for_another_selection(self) -> Self:
+        """The same fits, without what belongs to one selection."""
+        return replace(self, folds={}, held_out={}, horizons={}, rates={}, full_data={})
 
     def converged(self, fitted: FitResult) -> FitResult:
         """``fitted`` continued to convergence, once: the search leaves fits that cannot win."""

@@ -154,8 +154,7 @@ class InnovationObjective:
         if len(without_waves(start.effects)) == len(start.effects):
             forms = without_waves(self.candidates)
         cache = self._caches.setdefault((start.data.interval, len(forms)), FitCache())
-        # These belong to one selection.
-        own = replace(cache, folds={}, held_out={}, horizons={}, rates={}, full_data={})
+        own = cache.for_another_selection()
         return StepwiseSearch(forms, self.budget, is_hopeless=is_hopeless, cache=own)
 
     def is_adequate(self, found: FitResult) -> bool:

@@ -109,8 +109,8 @@ def _state(selection: Selection, plain: LikelihoodFit | None) -> StatedSelection
     base, model = selection.full_data(selection.base), selection.full_data(selection.model)
     suspected = suspects(selection)
     estimate, of_base = (model_estimate(one, white=one.is_white) for one in (model, base))
-    # Missing effects make one of the estimates uncertain, and what both models lack both; where both are uncertain
-    # without that, the vehicle was not excited.
+    # A model without an effect that acts has a large error. Where both models have one by themselves, the vehicle was
+    # not excited. Errors by other laws, and by torques that both models lack, follow below and say nothing of that.
     surer = min(of_base, estimate, key=lambda one: one.standard_error("inertia") / one.value("inertia"))
     require_inertia(surer, MIN_INERTIA_SIGMAS)
     by_forms, by_effects = _between_laws(selection, estimate)

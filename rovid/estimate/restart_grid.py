@@ -9,6 +9,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.effects.actuator_inputs import interpolate_gaps
+from rovid.model.simulation import full_rate
 from rovid.trial.preprocessing import Run
 from rovid.trial.rates import resample
 
@@ -40,9 +41,7 @@ class Trajectory(NamedTuple):
     def of(cls, time: FloatArray, angle: FloatArray, rate: FloatArray, slope: FloatArray) -> Self:
         """Trajectory of one run, from its (n,) angle and rate at instants in s."""
         relative = angle - angle[int(np.argmax(np.isfinite(angle)))]
-        bridged = rate
-        if len(time) > 1:
-            bridged = np.where(np.isfinite(rate), rate, np.gradient(relative, time[1] - time[0]))
+        bridged = full_rate(rate, relative, time[1] - time[0]) if len(time) > 1 else rate
         return cls(rate, interpolate_gaps(bridged), interpolate_gaps(relative), slope)
 
     @classmethod

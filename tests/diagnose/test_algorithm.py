@@ -119,6 +119,23 @@ def test_nothing_is_selected_directly_where_no_cause_dominates() -> None:
     assert not beside.effects
 
 
+def test_the_search_begins_next_to_waves_that_dominate(monkeypatch: pytest.MonkeyPatch) -> None:
+    said, begun = list[str](), list[FitResult]()
+
+    def look(beside: FitResult) -> WaveTest:
+        objective = beside.objective.with_effects((WAVES,))
+        begins = [np.concatenate((beside.x, start)) for start in objective.parametrization.initial_values()]
+        begun.append(FitResult.at(objective, objective.most_likely(begins, 1)[0]))
+        return WaveTest(beside, (), begun[-1])
+
+    monkeypatch.setattr(WaveTest, "established", property(lambda waves: waves.fitted))
+    monkeypatch.setattr(algorithm, "is_worth_searching", lambda _, start, *__: begun.append(start))
+    assert select_directly(problem_of(readings(1.5, unknown=60.0), said.append, look)) is None
+    plain, waves, second = begun
+    assert not plain.effects
+    assert second is waves
+
+
 def test_nothing_is_searched_directly_where_the_simulation_fits_poorly_with_any_cause() -> None:
     said = list[str]()
     assert select_directly(problem_of(readings(3.0, unknown=300.0), said.append)) is None

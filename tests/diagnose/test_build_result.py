@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rovid.core.errors import DataError
 from rovid.diagnose import build_result, stated_selection
 from rovid.diagnose.algorithm import conclude
 from rovid.diagnose.build_result import _wave_finding, subsets
@@ -25,7 +26,8 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
-from rovid.estimate.maximum_likelihood import LikelihoodFit
+from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
+from rovid.estimate.parametrization import INERTIA
 from tests import synthetic
 from tests.predictions import BIAS, NOISE, TIME, TORQUE
 
@@ -281,6 +283,28 @@ def test_effects_that_show_only_together_count_in_the_errors(selection: Selectio
     plain, wider = (state(one).estimate for one in (without, replace(without, dropped=selection.model)))
     off = selection.model.canonical().model.values[:3] - plain.values
     assert wider.covariance - plain.covariance == pytest.approx(0.5 * np.outer(off, off))
+
+
+def test_an_inertia_that_missing_effects_make_uncertain_is_no_lack_of_excitation(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A model with effects that show only together, and a plain fit with the error of a missing torque."""
+    without = replace(selection, model=selection.base)
+    plain = fit_likelihood(selection.data.runs, selection.data.vehicle)
+    wide = replace(plain, estimate=replace(plain.estimate, covariance=1e6 * plain.estimate.covariance))
+    x = selection.model.x.copy()
+    x[INERTIA] += math.log(5.0)
+    far = replace(without, dropped=replace(selection.model, x=x))
+    stated = state(far, wide).estimate
+    assert stated.standard_error("inertia") > 0.5 * stated.value("inertia")
+
+    def unknown(estimate: Estimate, _: float) -> None:
+        raise DataError(f"the inertia is {estimate.value('inertia')}")
+
+    # Without excitation nothing is stated.
+    monkeypatch.setattr(stated_selection, "require_inertia", unknown)
+    with pytest.raises(DataError, match="the inertia is"):
+        state(far, wide)
 
 
 @pytest.mark.parametrize(
